@@ -27,38 +27,14 @@ FIRST_DESIGN = "first_design.npy"
 def first_design(
     folder: Path | None, planned: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, "point parameter"]:
-    """Give the points that a calibration begins with.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Of the stored calibration.
-    planned : ndarray, shape (point, parameter)
-        Those of a calibration that begins with nothing, in SI.
-
-    Returns
-    -------
-    ndarray, shape (point, parameter)
-        Those of runs that were taken over, in SI, or the planned ones.
-    """
+    """Give the points that a calibration begins with."""
     if folder is None or not (folder / FIRST_DESIGN).is_file():
         return planned
     return np.asarray(np.load(folder / FIRST_DESIGN))
 
 
 def take_over(true: TrueRuns) -> None:
-    """Let a stored calibration begin anew with its runs, whatever version of the model they are of.
-
-    Parameters
-    ----------
-    true : TrueRuns
-        Of this version, with the planned points. It gets those of the stored runs.
-
-    Raises
-    ------
-    StoreMismatchError
-        If the runs differ in something else than the model and the engine; nothing is changed then.
-    """
+    """Let a stored calibration begin anew with its runs, whatever version of the model they are of."""
     folder = true.folder
     if folder is None or not _of_another_model(true):
         return

@@ -31,50 +31,27 @@ PROMISING = 0.07
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round of a calibration.
+    """One round of a calibration."""
 
-    Parameters
-    ----------
-    number : int
-        From 0.
-    training : int
-        Points the surrogate was fitted to.
-    error : float
-        Mean relative error of the surrogate, by its own estimate.
-    fresh : int
-        Fresh draws of its posterior at which the true model was run.
-    others : int
-        Further true runs.
-    exponent : float
-        Of the likelihood, up to which the surrogate was sure of its posterior; 1 for the posterior itself.
-    deviation : float
-        Standard deviation of the log density over the surrogate's own error, where the posterior is [nat].
-    spread : float
-        Standard deviation of the log weights of the fresh draws; infinite where a true run failed, or where there are none.
-    failed : int
-        Fresh draws whose true run failed.
-    certificate : Certificate or None
-        The certificate, if the round ended with one.
-    log_weights : ndarray, shape (draw,)
-        log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
-    shares : ndarray, shape (draw,)
-        What each fresh draw counts in an average over the surrogate's posterior.
-    again : bool
-        Whether the fresh draws are those of the certificate before, each left out in turn: the round has run nothing.
-    """
-
-    number: int
-    training: int
-    error: float
-    fresh: int
-    others: int
+    number: int  # From 0
+    training: int  # Points the surrogate was fitted to
+    error: float  # Mean relative error of the surrogate, by its own estimate
+    fresh: int  # Fresh draws of its posterior at which the true model was run
+    others: int  # Further true runs
+    # Of the likelihood, up to which the surrogate was sure of its posterior; 1 for the posterior itself
     exponent: float
+    # Standard deviation of the log density over the surrogate's own error, where the posterior is [nat]
     deviation: float
+    # Standard deviation of the log weights of the fresh draws; infinite where a true run failed, or where there are
+    # none
     spread: float
-    failed: int
-    certificate: Certificate | None
+    failed: int  # Fresh draws whose true run failed
+    certificate: Certificate | None  # The certificate, if the round ended with one
+    # log π_true/π_surrogate of the fresh draws, −∞ where the true run failed
     log_weights: Float[np.ndarray, " draw"] = field(repr=False)
+    # What each fresh draw counts in an average over the surrogate's posterior
     shares: Float[np.ndarray, " draw"] = field(repr=False)
+    # Whether the fresh draws are those of the certificate before, each left out in turn: the round has run nothing
     again: bool = False
 
     @property

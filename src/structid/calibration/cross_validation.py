@@ -28,25 +28,7 @@ Left = Callable[[np.ndarray], Posterior]
 
 
 def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without: Left) -> tuple[Batch, Beside]:
-    """Let the draws of a refused certificate judge the surrogate that they have trained.
-
-    Parameters
-    ----------
-    last : Batch
-        That certificate's.
-    drawn : SamplingResult
-        Draws of the new surrogate's posterior q.
-    under : Posterior
-        Of the new surrogate.
-    without : callable
-        See `Left`.
-
-    Returns
-    -------
-    tuple of Batch and Beside
-        The same draws, with log densities of surrogates that have not seen them, and shares of averages over q; and how far their
-        posteriors are from q.
-    """
+    """Let the draws of a refused certificate judge the surrogate that they have trained."""
     some = drawn.thinned(COMPARED)
     of_all = under.log_density(some)
     log_surrogate = np.empty(len(last.fresh))

@@ -30,20 +30,11 @@ LARGEST_VARIANCE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """Stages of a tempered sampler on a surrogate's posterior.
+    """Stages of a tempered sampler on a surrogate's posterior."""
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Under the surrogate.
-    surrogate : Surrogate
-        Its model.
-    blocks : sequence of dict
-        All blocks of the sampler: stages with rising exponent of the likelihood, then moves of the posterior.
-    """
-
-    posterior: Posterior
-    surrogate: Surrogate
+    posterior: Posterior  # Under the surrogate
+    surrogate: Surrogate  # Its model
+    # All blocks of the sampler: stages with rising exponent of the likelihood, then moves of the posterior
     blocks: Sequence[Block]
 
     @cached_property
@@ -52,68 +43,20 @@ class Exploration:
         return np.array([block["exponent"][-1] for block in self.blocks])
 
     def nearest(self, exponent: float) -> int:
-        """The block whose exponent is nearest to another, by their logarithms.
-
-        Parameters
-        ----------
-        exponent : float
-            Which exponent.
-
-        Returns
-        -------
-        int
-            Its place.
-        """
+        """The block whose exponent is nearest to another, by their logarithms."""
         known, asked = np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)), np.log(max(exponent, SMALLEST_EXPONENT))
         return int(np.argmin(np.abs(known - asked)))
 
     def particles(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
-        """Where the particles are at the end of a block, in unconstrained coordinates.
-
-        Parameters
-        ----------
-        block : int
-            Its place.
-
-        Returns
-        -------
-        ndarray, shape (particle, parameter)
-            Of all populations.
-        """
+        """Where the particles are at the end of a block, in unconstrained coordinates."""
         return np.asarray(self.blocks[block]["phi"][-1].reshape(-1, self.posterior.dimension))
 
     def draws(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
-        """Where they are in SI.
-
-        Parameters
-        ----------
-        block : int
-            Its place.
-
-        Returns
-        -------
-        ndarray, shape (particle, parameter)
-            Of all populations.
-        """
+        """Where they are in SI."""
         return self.posterior.bijection(self.particles(block))[0]
 
     def distinct(self, block: int, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-        """Choose some particles of a block by chance, none twice.
-
-        Parameters
-        ----------
-        block : int
-            Its place.
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
+        """Choose some particles of a block by chance, none twice."""
         phi = self.particles(block)
         phi = phi[rng.permutation(len(phi))]
         # Particles that were drawn twice and have not moved since are one: a point is run once.
@@ -121,18 +64,7 @@ class Exploration:
         return np.asarray(phi[first[:count]])
 
     def log_density(self, phi: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Log density of the surrogate's posterior with respect to the parameters.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            −inf outside the support.
-        """
+        """Log density of the surrogate's posterior with respect to the parameters."""
         density, _ = self.posterior.evaluate(phi)
         return np.asarray(density - self.posterior.bijection(phi)[1])
 
@@ -143,20 +75,7 @@ class Exploration:
         return float(np.max(last - self.posterior.bijection(self.particles())[1]))
 
     def share_of_tempered(self, phi: Float[np.ndarray, "run parameter"], block: int) -> Float[np.ndarray, " run"]:
-        """Density of a tempered posterior over that of the posterior, both normalised.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-        block : int
-            Place of the tempered one.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            L^(β − 1) Z/Z_β, with Z/Z_β from the particles of both.
-        """
+        """Density of a tempered posterior over that of the posterior, both normalised."""
         untempered = 1.0 - self.exponents[block]
         of_block, of_last = (self.blocks[b]["likelihood"][-1].ravel() for b in (block, -1))
         ratio, _ = bennett_ratio(untempered * of_block, untempered * of_last)
@@ -192,57 +111,20 @@ class Exploration:
         return float(np.sqrt(self.variance()))
 
     def variance(self, block: int = -1) -> float:
-        """Mean variance of the log density over the surrogate's own error, at particles of a block.
-
-        Parameters
-        ----------
-        block : int
-            Its place.
-
-        Returns
-        -------
-        float
-            In nats squared.
-        """
+        """Mean variance of the log density over the surrogate's own error, at particles of a block."""
         phi = self.particles(block)
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
     def variance_at(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Variance of the log density at some points, over responses drawn from the surrogate's own error.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            In nats squared; infinite where a response has no density.
-        """
+        """Variance of the log density at some points, over responses drawn from the surrogate's own error."""
         return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
 
 
 def variance_by_the_surrogate(
     posterior: Posterior, surrogate: Surrogate, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, " run"]:
-    """Variance of the log density at some points, over responses drawn from a surrogate's own error.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        With the measurements.
-    surrogate : Surrogate
-        Whose error.
-    theta : ndarray, shape (run, parameter)
-        In SI.
-
-    Returns
-    -------
-    ndarray, shape (run,)
-        In nats squared; infinite where a response has no density.
-    """
+    """Variance of the log density at some points, over responses drawn from a surrogate's own error."""
     rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
     parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
     rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)

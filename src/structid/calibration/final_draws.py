@@ -45,21 +45,12 @@ LONGER = (1, 4, 16)
 
 @dataclass(frozen=True, eq=False)
 class FinalDraws:
-    """Draws, and whether they stand for the posterior that they are said to come from.
+    """Draws, and whether they stand for the posterior that they are said to come from."""
 
-    Parameters
-    ----------
-    sampling : SamplingResult
-        The draws.
-    representation : Representation
-        They beside those of a second explorer.
-    made_up : ndarray, shape (draw, parameter)
-        Some of them, in SI, at which the surrogate does not know its own density. One of few runs may make a mode up where there
-        are none, higher than the true one.
-    """
-
-    sampling: SamplingResult = field(repr=False)
-    representation: Representation
+    sampling: SamplingResult = field(repr=False)  # The draws
+    representation: Representation  # They beside those of a second explorer
+    # Some of them, in SI, at which the surrogate does not know its own density. One of few runs may make a mode up
+    # where there are none, higher than the true one
     made_up: Float[np.ndarray, "draw parameter"] = field(repr=False)
 
     @property
@@ -83,33 +74,7 @@ def final_draws(
     folder: Path | None,
     told: Progress,
 ) -> FinalDraws:
-    """Draw from a surrogate's posterior; by more and more careful samplers until the draws converge, and a second explorer agrees.
-
-    Parameters
-    ----------
-    under : Posterior
-        Of the surrogate.
-    surrogate : Surrogate
-        Which knows its own error.
-    sure : bool
-        Whether it was sure of its density where the posterior was explored. One that is never so, such as a chaos expansion that
-        knows one error for all points, cannot say what it has made up.
-    known : ndarray, shape (run, model parameter)
-        Points of true runs, in SI: the second explorer searches for modes from there as well.
-    sampler : Sampler or None
-        The only one to be used, where it is given; it takes up to 16 times as many steps.
-    seed : int
-        Seed.
-    folder : Path or None
-        For the chains; not kept if None.
-    told : callable
-        Called with the percentage done, and 100.
-
-    Returns
-    -------
-    FinalDraws
-        The last.
-    """
+    """Draw from a surrogate's posterior until the draws converge and a second sampler agrees, with more work at each try."""
     with tempfile.TemporaryDirectory() as scratch:
         where = Path(scratch) if folder is None else folder
         tried = _one_after_another(sampler)

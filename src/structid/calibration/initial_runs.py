@@ -20,26 +20,7 @@ from structid.surrogates.base import SurrogateSettings
 def make_first_runs(
     true: TrueRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
 ) -> None:
-    """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others.
-
-    Parameters
-    ----------
-    true : TrueRuns
-        With the points of the first design.
-    settings : SurrogateSettings
-        Of the surrogate.
-    planned : callable
-        Gives so many points (point, parameter) of the design, of which each longer one begins with the shorter one.
-    left : callable
-        Gives how many runs the budget leaves after so many.
-
-    Raises
-    ------
-    InputError
-        If no response moves.
-    CampaignStoppedError
-        If no run of the first design finishes.
-    """
+    """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others."""
     true.make()
     true.refuse_hopeless()
     while left(len(true)) >= FEWEST_IN_A_BATCH and not _fit_for_a_surrogate(true, settings):
@@ -50,13 +31,7 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: TrueRuns) -> None:
-    """Warn of what the measurements show, and all first runs beside them: a wrong unit, sign or clock.
-
-    Parameters
-    ----------
-    true : TrueRuns
-        With the first runs.
-    """
+    """Warn of what the measurements show, and all first runs beside them: a wrong unit, sign or clock."""
     finished = np.flatnonzero(true.finished)
     from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
     for observation, responses in zip(true.observations, true.responses(), strict=True):

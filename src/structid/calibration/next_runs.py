@@ -41,111 +41,39 @@ TEMPERATURE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Points of true runs.
+    """Points of true runs."""
 
-    Parameters
-    ----------
-    fresh : ndarray, shape (draw, parameter)
-        Draws of the surrogate's posterior or wider ones, discrepancy parameters included, in SI.
-    log_surrogate : ndarray, shape (draw,)
-        Their log density under the surrogate.
-    shares : ndarray, shape (draw,)
-        What each counts in an average over the surrogate's posterior; one for plain draws.
-    others : ndarray, shape (point, model parameter)
-        Further points of the model's parameters, in SI.
-    population : ndarray, shape (particle, parameter)
-        Many draws of the surrogate's posterior, in SI.
-    highest : float
-        Largest log density of the surrogate's posterior among them.
-    """
-
+    # Draws of the surrogate's posterior or wider ones, discrepancy parameters included, in SI
     fresh: Float[np.ndarray, "draw parameter"]
-    log_surrogate: Float[np.ndarray, " draw"]
+    log_surrogate: Float[np.ndarray, " draw"]  # Their log density under the surrogate
+    # What each counts in an average over the surrogate's posterior; one for plain draws
     shares: Float[np.ndarray, " draw"]
-    others: Float[np.ndarray, "point model_parameter"]
-    population: Float[np.ndarray, "particle parameter"]
-    highest: float
+    others: Float[np.ndarray, "point model_parameter"]  # Further points of the model's parameters, in SI
+    population: Float[np.ndarray, "particle parameter"]  # Many draws of the surrogate's posterior, in SI
+    highest: float  # Largest log density of the surrogate's posterior among them
 
     def points(self, dimension: int) -> Float[np.ndarray, "point model_parameter"]:
-        """All points of the model's parameters, the fresh draws first.
-
-        Parameters
-        ----------
-        dimension : int
-            Number of the model's parameters, which come first among a posterior's.
-
-        Returns
-        -------
-        ndarray, shape (point, model parameter)
-            In SI.
-        """
+        """All points of the model's parameters, the fresh draws first."""
         return np.concatenate([self.fresh[:, :dimension], self.others])
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give everything for a journal.
-
-        Returns
-        -------
-        dict of str to ndarray
-            By name.
-        """
+        """Give everything for a journal."""
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def of(cls, entry: dict[str, np.ndarray]) -> Batch:
-        """Make a batch again of a journal's entry, which may say more.
-
-        Parameters
-        ----------
-        entry : dict of str to ndarray
-            As `to_entry` gave it.
-
-        Returns
-        -------
-        Batch
-            The same.
-        """
+        """Make a batch again of a journal's entry, which may say more."""
         own: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
         return cls(**own | {"highest": float(entry["highest"])})
 
     def of_the_errors(self, dimension: int, count: int) -> Float[np.ndarray, "draw discrepancy_parameter"]:
-        """Some draws of the discrepancy's parameters.
-
-        Parameters
-        ----------
-        dimension : int
-            Number of the model's parameters.
-        count : int
-            How many at most.
-
-        Returns
-        -------
-        ndarray, shape (draw, discrepancy parameter)
-            In SI; one draw of nothing where it has no parameters.
-        """
+        """Some draws of the discrepancy's parameters."""
         own = self.population[:: max(1, len(self.population) // count), dimension:]
         return own[:count] if own.shape[1] else own[:1]
 
 
 def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, rng: np.random.Generator) -> Batch:
-    """Choose the draws of a certificate: plain ones, and a share of tempered ones.
-
-    Parameters
-    ----------
-    explored : Exploration
-        The surrogate's posterior, by degrees.
-    drawn : SamplingResult
-        The draws of it that the certificate is about.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    Batch
-        Without others. A draw of the mixture g of both laws counts q/g in an average over the posterior q.
-    """
+    """Choose the draws of a certificate: plain ones, and a share of tempered ones."""
     stage = explored.nearest(TEMPERATURE)
     wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
     rows = rng.permutation(np.unique(drawn.flat, axis=0, return_index=True)[1])[: count - len(wide)]
@@ -166,30 +94,7 @@ def next_batch(
     rng: np.random.Generator,
     made_up: Float[np.ndarray, "draw parameter"] | None = None,
 ) -> Batch:
-    """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is.
-
-    Parameters
-    ----------
-    explored : Exploration
-        The surrogate's posterior.
-    known : ndarray, shape (run, model parameter)
-        Points of earlier true runs.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Source of randomness.
-    made_up : ndarray, shape (draw, parameter), optional
-        Draws in a mode that the surrogate may have made up, in SI; see `FinalDraws`.
-
-    Returns
-    -------
-    Batch
-        Where the surrogate is sure of its posterior, half are plain draws. The others are first scouts, of a mode that it may have
-        made up or of what may lie beyond the runs, then draws of a wider law: those that bring the posterior inside the range of
-        the runs, and those where the surrogate's own uncertainty of the log density times the distance to known points is largest.
-        Where it is not sure, they come from a tempered posterior of 100 times the exponent up to which it is, far from known
-        points; first those that bring the sure one inside the range of the runs.
-    """
+    """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is."""
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
     posterior = explored.posterior
@@ -254,20 +159,6 @@ def beyond_the_runs(
     """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
 
     Further out than it reaches a surrogate is as sure of itself as there, so its standard deviation gives no warning.
-
-    Parameters
-    ----------
-    candidates : ndarray, shape (candidate, parameter)
-        To choose from.
-    particles : ndarray, shape (draw, parameter)
-        Draws of the posterior.
-    known : ndarray, shape (run, parameter)
-        Points of the runs.
-
-    Returns
-    -------
-    ndarray of int, shape (point,)
-        Distinct rows of the candidates: up to two a parameter.
     """
     above = particles.max(axis=0) > known.max(axis=0)
     below = particles.min(axis=0) < known.min(axis=0)
@@ -276,22 +167,7 @@ def beyond_the_runs(
 
 
 def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-    """Draw from a law like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws.
-
-    Parameters
-    ----------
-    explored : Exploration
-        The surrogate's posterior.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    ndarray, shape (count, parameter)
-        In SI.
-    """
+    """Draw from a law like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws."""
     phi = explored.particles()
     first, second, third = (phi[rng.integers(len(phi), size=count)] for _ in range(3))
     return explored.posterior.bijection(first + second - third)[0]
@@ -309,24 +185,7 @@ def far_apart(
     count: int,
     weights: Float[np.ndarray, " candidate"] | None = None,
 ) -> Int[np.ndarray, " count"]:
-    """Choose points one by one, each time the one with the largest weighted distance to all known and chosen points.
-
-    Parameters
-    ----------
-    candidates : ndarray, shape (candidate, parameter)
-        To choose from.
-    known : ndarray, shape (point, parameter)
-        What is there.
-    count : int
-        How many to choose.
-    weights : ndarray, shape (candidate,), optional
-        What distances are multiplied by.
-
-    Returns
-    -------
-    ndarray of int, shape (count,)
-        Rows of the candidates.
-    """
+    """Choose points one by one, each time the one with the largest weighted distance to all known and chosen points."""
     sd = candidates.std(axis=0)
     scale = np.where(sd > 0, sd, 1.0)
     points, others = candidates / scale, known / scale

@@ -17,18 +17,6 @@ def earlier_limits(folder: Path | None, limits: Limits) -> int:
     """Count the other limits that were asked for before these, and remember these.
 
     A certificate that is refused, and then granted with limits that were relaxed, was looked at twice.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Of the stored calibration; None if it is not stored.
-    limits : Limits
-        Asked for now.
-
-    Returns
-    -------
-    int
-        0 for the first limits.
     """
     if folder is None:
         return 0

@@ -20,16 +20,6 @@ def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"
 
     A NARX of few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than one
     that errs equally everywhere.
-
-    Parameters
-    ----------
-    log_density : ndarray, shape (run,)
-        Log density of the posterior at each run, by its true response; −inf where it failed.
-
-    Returns
-    -------
-    ndarray, shape (run,)
-        Between `LEAST` and 1.
     """
     finite = np.isfinite(log_density)
     if not finite.any():

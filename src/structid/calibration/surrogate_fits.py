@@ -24,27 +24,13 @@ DISCREPANCY_DRAWS = 32
 
 @dataclass(frozen=True, eq=False)
 class SurrogateFits:
-    """What surrogates are fitted to.
+    """What surrogates are fitted to."""
 
-    Parameters
-    ----------
-    settings : SurrogateSettings
-        Of the surrogate.
-    posterior : Posterior
-        With the measurements.
-    true : TrueRuns
-        All true runs.
-    last : Batch or None
-        The last round's, which says where the posterior is; None before the first.
-    told : callable
-        Called with the percentage of a fit that is done, and 100.
-    """
-
-    settings: SurrogateSettings
-    posterior: Posterior
-    true: TrueRuns
-    last: Batch | None
-    told: Progress
+    settings: SurrogateSettings  # Of the surrogate
+    posterior: Posterior  # With the measurements
+    true: TrueRuns  # All true runs
+    last: Batch | None  # The last round's, which says where the posterior is; None before the first
+    told: Progress  # Called with the percentage of a fit that is done, and 100
 
     def fit(
         self,
@@ -55,20 +41,6 @@ class SurrogateFits:
         """Fit the best of some forms to the runs of some points.
 
         If the kind can, it begins with another surrogate, and gives more weight to runs near the posterior.
-
-        Parameters
-        ----------
-        points : ndarray of int, shape (point,)
-            Which.
-        start : Surrogate or None
-            To begin with.
-        forms : sequence of SurrogateSettings, optional
-            To choose among; those of the settings when left out.
-
-        Returns
-        -------
-        tuple of Surrogate and SurrogateSettings
-            The surrogate, and its form.
         """
         forms = getattr(self.settings, "forms", (self.settings,)) if forms is None else forms
         runs = self.true.of_points(points)
@@ -100,22 +72,7 @@ class SurrogateFits:
 
 
 def best_densities(posterior: Posterior, true: TrueRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-    """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        With the measurements.
-    true : TrueRuns
-        All true runs.
-    batch : Batch
-        With draws of the discrepancy's parameters.
-
-    Returns
-    -------
-    tuple of ndarray, shapes (run,) and (run, parameter)
-        Log densities, and the points in SI.
-    """
+    """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws."""
     points, own = true.points, batch.of_the_errors(posterior.model_space.dimension, DISCREPANCY_DRAWS)
     given = posterior.given(true.responses())
     best = np.full(len(points), -np.inf)

@@ -23,20 +23,7 @@ class KnowsItsErrors(Protocol):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that it was fitted to from all others.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            The runs, in their order.
-        excitation : Excitation
-            What drove them.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI; NaN where it cannot.
-        """
+        """Predict each run that it was fitted to from all others."""
 
 
 def best_near_the_posterior(
@@ -46,26 +33,7 @@ def best_near_the_posterior(
     log_true: Float[np.ndarray, " run"],
     ran: Sequence[np.ndarray],
 ) -> int:
-    """Choose among surrogates that were fitted to the same runs.
-
-    Parameters
-    ----------
-    found : sequence of KnowsItsErrors
-        To choose among.
-    posterior : Posterior
-        With the measurements.
-    theta : ndarray, shape (run, parameter)
-        All runs, with parameters of the discrepancy, in SI.
-    log_true : ndarray, shape (run,)
-        Their log densities by their true responses; −inf where a run failed.
-    ran : sequence of ndarray of bool, shape (run,)
-        For each observation, to which of its runs the surrogates were fitted.
-
-    Returns
-    -------
-    int
-        Place of that with the smallest error near the posterior.
-    """
+    """Choose among surrogates that were fitted to the same runs."""
     errors = [error_near_the_posterior(one, posterior, theta, log_true, ran) for one in found]
     return int(np.argmin(errors))
 
@@ -80,24 +48,6 @@ def error_near_the_posterior(
     """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.
 
     A surrogate that errs least over the whole prior is not the one that errs least where the posterior is.
-
-    Parameters
-    ----------
-    surrogate : KnowsItsErrors
-        Fitted to some of these runs.
-    posterior : Posterior
-        With the measurements.
-    theta : ndarray, shape (run, parameter)
-        The runs, with parameters of the discrepancy, in SI.
-    log_true : ndarray, shape (run,)
-        Their log densities by their true responses.
-    ran : sequence of ndarray of bool, shape (run,)
-        For each observation, to which of its runs.
-
-    Returns
-    -------
-    float
-        Root mean square of τ Δ log π with weights π^τ; τ is such that `EFFECTIVE_SHARE` of the runs count.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
     responses = [

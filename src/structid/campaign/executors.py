@@ -31,21 +31,7 @@ class LostWorkerError(Exception):
 
 
 class Pool:
-    """Runs submitted to an executor. Their number is limited, and results are returned as the runs finish.
-
-    Parameters
-    ----------
-    executor : object
-        Has ``submit``; its futures have ``add_done_callback``, ``result`` and ``cancel``.
-    workers : callable
-        Returns the number of runs that it can do at the same time, now.
-    release : callable
-        Called at the end; its argument says whether to abort the runs in progress.
-    check : callable
-        Called while no run finishes; raises if no run ever will.
-    options : dict
-        Arguments of ``submit``.
-    """
+    """Runs submitted to an executor. Their number is limited, and results are returned as the runs finish."""
 
     def __init__(
         self,
@@ -71,17 +57,7 @@ class Pool:
         return bool(self._tickets)
 
     def submit(self, ticket: Any, function: Callable[..., Any], *arguments: Any) -> None:
-        """Submit a run.
-
-        Parameters
-        ----------
-        ticket : Any
-            Identifies the run; returned together with its result.
-        function : callable
-            Function to be called by the executor.
-        *arguments
-            Arguments of the function.
-        """
+        """Submit a run."""
         try:
             future = self._executor.submit(function, *arguments, **self._options)
         except (BrokenExecutor, RuntimeError) as problem:
@@ -90,18 +66,7 @@ class Pool:
         future.add_done_callback(self._finished.put)
 
     def finished(self) -> Iterator[tuple[Any, Any]]:
-        """Wait until a run has finished, and return all finished runs.
-
-        Yields
-        ------
-        tuple of ticket and result
-            The result is an exception `LostWorkerError` where a worker died.
-
-        Raises
-        ------
-        CampaignStoppedError
-            If the executor cannot continue.
-        """
+        """Wait until a run has finished, and return all finished runs."""
         futures = [self._next()]
         with contextlib.suppress(queue.Empty):
             while True:
@@ -119,23 +84,11 @@ class Pool:
                 self._check()
 
     def lent(self) -> Pool:
-        """Return another pool on the same executor, which leaves the executor open.
-
-        Returns
-        -------
-        Pool
-            Its `close` aborts only the runs that were submitted to it.
-        """
+        """Return another pool on the same executor, which leaves the executor open."""
         return Pool(self._executor, self._workers, check=self._check, options=self._options)
 
     def close(self, abort: bool = False) -> None:
-        """Release the executor.
-
-        Parameters
-        ----------
-        abort : bool
-            Cancel the runs that have not finished.
-        """
+        """Release the executor."""
         if abort:
             for future in self._tickets:
                 with contextlib.suppress(Exception):
@@ -239,24 +192,7 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
 @contextlib.contextmanager
 def opened(executor: Any) -> Iterator[Pool]:
-    """Open a pool on an executor, and close it at the end; after an exception, unfinished runs are aborted.
-
-    Parameters
-    ----------
-    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        ``None`` or ``"serial"``: one run after another. ``"processes"``: one local process for each core; ``"processes:4"``: four.
-        ``"tcp://host:8786"``: a Dask scheduler. An executor that is given as an object is left open; the caller closes it.
-
-    Yields
-    ------
-    Pool
-        The pool.
-
-    Raises
-    ------
-    InputError
-        If `executor` is none of these, or no scheduler answers.
-    """
+    """Open a pool on an executor, and close it at the end; after an exception, unfinished runs are aborted."""
     pool, abort = _pool_of(executor), True
     try:
         yield pool
@@ -266,37 +202,13 @@ def opened(executor: Any) -> Iterator[Pool]:
 
 
 def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[Any]:
-    """Open an executor once for everything that an external model is run for: starting workers can take longer than a run.
-
-    Parameters
-    ----------
-    model : Model
-        Whose runs they are.
-    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        As for `opened`.
-
-    Returns
-    -------
-    context manager
-        Gives what to pass on as an executor; for a built-in model, which needs none, what came.
-    """
+    """Open an executor once for everything that an external model is run for: starting workers can take longer than a run."""
     return contextlib.nullcontext(executor) if model.batched else opened(executor)
 
 
 @contextlib.contextmanager
 def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
-    """Open an executor as a `map` function, for `Model.simulate` and `Posterior`.
-
-    Parameters
-    ----------
-    executor : None, str, concurrent.futures.Executor or distributed.Client
-        As for `opened`.
-
-    Yields
-    ------
-    callable
-        Applies a function to every element of a sequence and returns the results in order.
-    """
+    """Open an executor as a `map` function, for `Model.simulate` and `Posterior`."""
     with opened(executor) as pool:
 
         def mapped(function: Callable[..., Any], items: Iterable[Any]) -> list[Any]:
@@ -317,18 +229,5 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
 
 
 def run_map(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
-    """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none.
-
-    Parameters
-    ----------
-    model : Model
-        Whose runs they are.
-    executor : None, str, concurrent.futures.Executor or distributed.Client
-        As for `opened`.
-
-    Returns
-    -------
-    context manager
-        Gives a `map`, or None for a built-in model.
-    """
+    """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none."""
     return contextlib.nullcontext() if model.batched else mapping(executor)

@@ -22,21 +22,11 @@ from structid.probability.space import ParameterSpace
 
 @dataclass(frozen=True)
 class Finished:
-    """A run that has ended and is to be stored.
+    """A run that has ended and is to be stored."""
 
-    Parameters
-    ----------
-    key : str
-        Identifies its point and record.
-    outcome : Outcome
-        Its result.
-    attempts : int
-        Number of attempts.
-    """
-
-    key: str
-    outcome: Outcome
-    attempts: int
+    key: str  # Identifies its point and record
+    outcome: Outcome  # Its result
+    attempts: int  # Number of attempts
 
 
 def design_entry(
@@ -45,24 +35,7 @@ def design_entry(
     theta: Float[np.ndarray, "run parameter"],
     record_of_run: Int[np.ndarray, " run"],
 ) -> dict[str, np.ndarray]:
-    """Make the journal entry of a design. It holds everything that a reader of the journals alone needs.
-
-    Parameters
-    ----------
-    header : Header
-        What the runs share.
-    keys : sequence of str
-        One for each run.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-    record_of_run : ndarray of int, shape (run,)
-        Number of the record of each run.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The entry.
-    """
+    """Make the journal entry of a design. It holds everything that a reader of the journals alone needs."""
     shared = {
         "space": header.space.to_plain(),
         "records": [r.to_plain() for r in header.records],
@@ -79,25 +52,7 @@ def design_entry(
 
 
 def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.ndarray, np.ndarray]:
-    """Read the newest design of a journal.
-
-    Parameters
-    ----------
-    journal : Journal
-        The journal of the designs.
-    path : Path
-        The store, for the message.
-
-    Returns
-    -------
-    tuple of Header, list of str, ndarray and ndarray
-        What the runs share, their keys, the points (run, parameter), the number of each run's record.
-
-    Raises
-    ------
-    InputError
-        If the journal is empty.
-    """
+    """Read the newest design of a journal."""
     entries = list(journal)
     if not entries:
         raise InputError(
@@ -116,20 +71,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
 
 
 def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
-    """Make the journal entry of runs that have ended: one text and one array, since an array costs as much as 1000 numbers.
-
-    Parameters
-    ----------
-    finished : sequence of Finished
-        Runs that have ended.
-    header : Header
-        What the runs share.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The entry.
-    """
+    """Make the journal entry of runs that have ended: one text and one array, since an array costs as much as 1000 numbers."""
     values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
     ended = []
     for row, run in zip(values, finished, strict=True):
@@ -141,20 +83,7 @@ def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.nda
 
 
 def rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
-    """Turn a journal entry into rows.
-
-    Parameters
-    ----------
-    entry : dict of str to ndarray
-        The entry, made by `runs_entry`.
-    source : object or None
-        Where the histories are; see `Row`.
-
-    Returns
-    -------
-    dict of str to Row
-        By key.
-    """
+    """Turn a journal entry into rows."""
     rows = {}
     for position, run in enumerate(json.loads(str(entry["told"]))):
         key, status, reason, failure_time, seconds, attempts, finished = run
@@ -163,33 +92,11 @@ def rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
 
 
 def journalled_rows(journal: Journal) -> Iterator[dict[str, Row]]:
-    """Read the rows of each entry of a journal, with the histories in memory.
-
-    Parameters
-    ----------
-    journal : Journal
-        The journal of the runs.
-
-    Yields
-    ------
-    dict of str to Row
-        Rows of one entry, by key.
-    """
+    """Read the rows of each entry of a journal, with the histories in memory."""
     for entry in journal:
         yield rows_of(entry, InMemory(entry["values"]))
 
 
 def printable(text: str) -> str:
-    """Replace characters that a file format may reject, whatever a solver has printed.
-
-    Parameters
-    ----------
-    text : str
-        The message of a solver.
-
-    Returns
-    -------
-    str
-        The same text with unprintable characters replaced; tabs and line ends are kept.
-    """
+    """Replace characters that a file format may reject, whatever a solver has printed."""
     return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)

@@ -13,34 +13,12 @@ from structid.core.errors import InputError, StoreError
 
 
 def parts_of(path: Path) -> Path:
-    """Return the folder of a store's parts.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    Path
-        ``runs.h5.parts`` for ``runs.h5``.
-    """
+    """Return the folder of a store's parts."""
     return path.with_name(path.name + ".parts")
 
 
 def segments_of(path: Path) -> list[Path]:
-    """Return the sealed segments of a store, oldest first.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    list of Path
-        The files.
-    """
+    """Return the sealed segments of a store, oldest first."""
     return sorted(parts_of(path).glob("segment-*.h5"))
 
 
@@ -48,57 +26,18 @@ def next_segment(path: Path) -> Path:
     """Name the next segment of a store.
 
     The name is always new, even where a kill has left segments of an earlier campaign.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    Path
-        A file that does not exist yet.
     """
     last = max((int(p.stem.partition("-")[2]) for p in segments_of(path)), default=0)
     return parts_of(path) / f"segment-{last + 1:06d}.h5"
 
 
 def run_files_of(path: Path) -> list[Path]:
-    """Return the HDF5 files of a store that exist: the final file and the segments, oldest first.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    list of Path
-        The files.
-    """
+    """Return the HDF5 files of a store that exist: the final file and the segments, oldest first."""
     return [p for p in (path, *segments_of(path)) if p.exists()]
 
 
 def lock(folder: Path, path: Path) -> int | None:
-    """Lock a folder against a second writer. The system releases the lock when this process ends, in whatever way.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder of the parts.
-    path : Path
-        The store, for the message.
-
-    Returns
-    -------
-    int or None
-        File descriptor of the lock, to be closed; None on a file system without locks.
-
-    Raises
-    ------
-    InputError
-        If another process holds the lock.
-    """
+    """Lock a folder against a second writer. The system releases the lock when this process ends, in whatever way."""
     # A separate file, open for writing: network file systems lock nothing else.
     handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
     try:
@@ -127,18 +66,7 @@ def lock(folder: Path, path: Path) -> int | None:
 
 @contextlib.contextmanager
 def disk_errors_explained(path: Path) -> Iterator[None]:
-    """Turn an error of the disk into a message that says what it means for the campaign.
-
-    Parameters
-    ----------
-    path : Path
-        The store, for the message.
-
-    Raises
-    ------
-    StoreError
-        If the disk is full, or the store cannot be written.
-    """
+    """Turn an error of the disk into a message that says what it means for the campaign."""
     try:
         yield
     except OSError as problem:

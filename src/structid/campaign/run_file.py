@@ -42,24 +42,12 @@ _TEXT = h5py.string_dtype()
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What all runs of a store share.
+    """What all runs of a store share."""
 
-    Parameters
-    ----------
-    identity : dict
-        Hashes and names; a store with another identity is refused.
-    space : ParameterSpace
-        Space of the design.
-    records : tuple of Excitation
-        The records.
-    channels : tuple of str
-        Channels of the histories.
-    """
-
-    identity: dict[str, Any]
-    space: ParameterSpace
+    identity: dict[str, Any]  # Hashes and names; a store with another identity is refused
+    space: ParameterSpace  # Space of the design
     records: tuple[Excitation, ...]
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # Channels of the histories
 
     @property
     def samples(self) -> int:
@@ -74,52 +62,21 @@ class Header:
 
 @dataclass(frozen=True)
 class Row:
-    """One stored run: its outcome, and where its history is.
+    """One stored run: its outcome, and where its history is."""
 
-    Parameters
-    ----------
-    key : str
-        Identifies its point and record.
-    status : int
-        A `Status`.
-    reason : str
-        Why it failed.
-    failure_time, seconds : float
-        Time of failure [s], wall time [s].
-    attempts : int
-        Number of attempts.
-    finished : float
-        When it ended, in seconds since the epoch.
-    source : FileSource, InMemory or None
-        Where the history is; None for a pending run.
-    position : int
-        Row of the history in the source.
-    """
-
-    key: str
+    key: str  # Identifies its point and record
     status: int
-    reason: str
-    failure_time: float
-    seconds: float
-    attempts: int
-    finished: float
-    source: Any
-    position: int
+    reason: str  # Why it failed
+    failure_time: float  # Time of failure [s], wall time [s]
+    seconds: float  # Time of failure [s], wall time [s]
+    attempts: int  # Number of attempts
+    finished: float  # When it ended, in seconds since the epoch
+    source: Any  # Where the history is; None for a pending run
+    position: int  # Row of the history in the source
 
 
 def sound_rows(path: Path) -> dict[str, Row]:
-    """Read the outcome of every run in a file whose history can be read; warn of the others.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict of str to Row
-        By key, without pending and without damaged runs.
-    """
+    """Read the outcome of every run in a file whose history can be read; warn of the others."""
     rows, state = read_rows(path), path.stat()
     lost = damaged_rows(path, state.st_mtime_ns, state.st_size)
     if lost:
@@ -139,26 +96,7 @@ def write(
     record_of_run: Int[np.ndarray, " run"],
     rows: Sequence[Row],
 ) -> None:
-    """Write a file of runs, completely or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    header : Header
-        What the runs share.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-    record_of_run : ndarray of int, shape (run,)
-        Number of the record of each run.
-    rows : sequence of Row
-        One for each run, in order.
-
-    Raises
-    ------
-    StoreError
-        If the disk has no room for the file, or it cannot be written.
-    """
+    """Write a file of runs, completely or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     _check_room(path, header, rows)
     partial = path.with_name(path.name + ".partial")
@@ -276,18 +214,7 @@ def _attach(file: Any, dataset: Any, dimensions: tuple[str, ...]) -> None:
 
 
 def read_rows(path: Path) -> dict[str, Row]:
-    """Read the outcome of every run in a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict of str to Row
-        By key, without pending runs.
-    """
+    """Read the outcome of every run in a file."""
     source = FileSource(path)
     with opened_hdf5(path, "runs") as file:
         columns = [file[n][...] for n in ("key", "status", "failure_time", "seconds", "attempts", "finished")]
@@ -304,40 +231,13 @@ def read_rows(path: Path) -> dict[str, Row]:
 
 
 def read_keys(path: Path) -> list[str]:
-    """Read the keys of the runs in a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    list of str
-        One for each run, in the order of the file.
-    """
+    """Read the keys of the runs in a file."""
     with opened_hdf5(path, "runs") as file:
         return [k.decode() for k in file["key"][...]]
 
 
 def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
-    """Read what the runs of a file share, and their design.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    tuple of Header, ndarray and ndarray
-        The header, the points (run, parameter), the number of each run's record.
-
-    Raises
-    ------
-    InputError
-        If it is not a file of runs, or one of a later version of structid.
-    """
+    """Read what the runs of a file share, and their design."""
     with opened_hdf5(path, "runs of a Campaign") as file:
         _refuse_later_layout(path, int(file.attrs["schema"]))
         plain = json.loads(file.attrs["records"])
@@ -358,20 +258,7 @@ def _refuse_later_layout(path: Path, layout: int) -> None:
 
 
 def record_from_plain(plain: dict[str, Any], values: Float[np.ndarray, "time *motion"]) -> Excitation:
-    """Rebuild an excitation from its description by `Excitation.to_plain` and its samples.
-
-    Parameters
-    ----------
-    plain : dict
-        The description.
-    values : ndarray, shape (time,) or (time, part)
-        The samples in SI.
-
-    Returns
-    -------
-    Excitation
-        The excitation, of the same kind.
-    """
+    """Rebuild an excitation from its description by `Excitation.to_plain` and its samples."""
     if "parts" in plain:
         parts = [record_from_plain(p, v) for p, v in zip(plain["parts"], values.T, strict=True)]
         return CombinedExcitation(parts, plain["name"])
@@ -387,28 +274,7 @@ def as_runs(
     values: Any,
     path: Path | None,
 ) -> Runs:
-    """Make `Runs` of rows.
-
-    Parameters
-    ----------
-    header : Header
-        What the runs share.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-    record_of_run : ndarray of int, shape (run,)
-        Number of the record of each run.
-    rows : sequence of Row
-        One for each run.
-    values : Values
-        The histories.
-    path : Path or None
-        The file, if all runs are in one file.
-
-    Returns
-    -------
-    Runs
-        The runs; the histories stay where they are.
-    """
+    """Make `Runs` of rows."""
     return Runs(
         Design(theta, header.space),
         header.records,

@@ -36,32 +36,15 @@ class Values(Protocol):
         ...
 
     def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
-        """Read the histories of some runs into memory.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (n,)
-            Numbers of the runs.
-
-        Returns
-        -------
-        ndarray, shape (n, time, channel)
-            Histories in SI.
-        """
+        """Read the histories of some runs into memory."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class InMemory:
-    """Histories in memory, with the same interface as those on disk.
+    """Histories in memory, with the same interface as those on disk."""
 
-    Parameters
-    ----------
-    array : ndarray, shape (run, time, channel)
-        Histories in SI.
-    """
-
-    array: Float[np.ndarray, "run time channel"]
+    array: Float[np.ndarray, "run time channel"]  # Histories in SI
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -70,18 +53,7 @@ class InMemory:
         return runs, samples, channels
 
     def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
-        """Return the histories of some runs; see `Values.read`.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (n,)
-            Numbers of the runs.
-
-        Returns
-        -------
-        ndarray, shape (n, time, channel)
-            Histories in SI.
-        """
+        """Return the histories of some runs; see `Values.read`."""
         histories: np.ndarray = self.array[rows]
         return histories
 
@@ -404,27 +376,7 @@ class _Some:
 
 
 def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> Int[np.ndarray, " run"]:
-    """Number of the record that drives each run.
-
-    Parameters
-    ----------
-    records : sequence of Excitation
-        The records.
-    assignment : None, "cycle", or sequence of int or str
-        ``"cycle"`` takes the records in turn; a sequence gives the number or name of one for each run.
-    runs : int
-        Number of runs.
-
-    Returns
-    -------
-    ndarray of int, shape (run,)
-        Numbers of the records, from 0.
-
-    Raises
-    ------
-    InputError
-        If there are several records and `assignment` is missing or does not cover every run.
-    """
+    """Number of the record that drives each run."""
     if assignment is None and len(records) == 1:
         return np.zeros(runs, dtype=int)
     if isinstance(assignment, str) and assignment == "cycle":

@@ -53,18 +53,7 @@ SEGMENT_BYTES = 64_000_000
 
 
 def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """Read what the stored runs belong to.
-
-    Parameters
-    ----------
-    path : path-like
-        The HDF5 file.
-
-    Returns
-    -------
-    dict or None
-        Identity of the runs on disk; None if there are none.
-    """
+    """Read what the stored runs belong to."""
     parts = parts_of(Path(path))
     if (parts / "design").exists():
         return Journal.read(parts / "design").identity
@@ -72,24 +61,7 @@ def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
 
 
 class RunStore:
-    """The runs of a campaign, on disk.
-
-    Parameters
-    ----------
-    path : path-like
-        The final HDF5 file; its parts are in a folder beside it.
-    header : Header
-        What the runs share; a store with another header is refused.
-    adopt : bool
-        Take over the runs of another version of the model, or of another engine, if nothing else differs.
-
-    Raises
-    ------
-    StoreMismatchError
-        If the store belongs to something else; it is not changed.
-    InputError
-        If another process is writing to it.
-    """
+    """The runs of a campaign, on disk."""
 
     def __init__(self, path: str | os.PathLike[str], header: Header, adopt: bool = False) -> None:
         self.path, self.header = Path(path), header
@@ -122,33 +94,12 @@ class RunStore:
     def describe(
         self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
     ) -> None:
-        """Write the design to disk, so that every reader of the store knows which runs are pending.
-
-        Parameters
-        ----------
-        keys : sequence of str
-            One for each run.
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        record_of_run : ndarray of int, shape (run,)
-            Number of the record of each run.
-        """
+        """Write the design to disk, so that every reader of the store knows which runs are pending."""
         with disk_errors_explained(self.path):
             self._designs.append(design_entry(self.header, keys, theta, record_of_run))
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Write finished runs to disk; they are safe there when this returns.
-
-        Parameters
-        ----------
-        finished : sequence of Finished
-            Runs that have ended.
-
-        Raises
-        ------
-        StoreError
-            If the disk is full or fails; the runs stored before are safe.
-        """
+        """Write finished runs to disk; they are safe there when this returns."""
         if not finished:
             return
         entry = runs_entry(finished, self.header)
@@ -177,22 +128,7 @@ class RunStore:
     def finish(
         self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
     ) -> Runs:
-        """Merge everything into one file, in the order of the design, and remove the parts.
-
-        Parameters
-        ----------
-        keys : sequence of str
-            One for each run.
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        record_of_run : ndarray of int, shape (run,)
-            Number of the record of each run.
-
-        Returns
-        -------
-        Runs
-            The runs in that file.
-        """
+        """Merge everything into one file, in the order of the design, and remove the parts."""
         self._seal()
         rows = _in_order(self.rows, keys)
         if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
@@ -212,52 +148,23 @@ class RunStore:
 
 
 class MemoryStore:
-    """The runs of a campaign without a file; they are lost with the process.
-
-    Parameters
-    ----------
-    header : Header
-        What the runs share.
-    """
+    """The runs of a campaign without a file; they are lost with the process."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
         self.rows: dict[str, Row] = {}
 
     def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
-        """Do nothing; see `RunStore.describe`.
-
-        Parameters
-        ----------
-        keys, theta, record_of_run
-            As for `RunStore.describe`.
-        """
+        """Do nothing; see `RunStore.describe`."""
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Keep finished runs.
-
-        Parameters
-        ----------
-        finished : sequence of Finished
-            Runs that have ended.
-        """
+        """Keep finished runs."""
         if finished:
             entry = runs_entry(finished, self.header)
             self.rows.update(rows_of(entry, InMemory(entry["values"])))
 
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
-        """Return the runs in the order of the design; see `RunStore.finish`.
-
-        Parameters
-        ----------
-        keys, theta, record_of_run
-            As for `RunStore.finish`.
-
-        Returns
-        -------
-        Runs
-            In memory.
-        """
+        """Return the runs in the order of the design; see `RunStore.finish`."""
         rows = _in_order(self.rows, keys)
         return run_file.as_runs(self.header, theta, record_of_run, rows, _Scattered(rows, self.header), None)
 

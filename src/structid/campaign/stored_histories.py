@@ -17,29 +17,12 @@ from structid.core.journal import opened_hdf5
 
 @dataclass(frozen=True)
 class FileSource:
-    """Histories in an HDF5 file of this layout.
+    """Histories in an HDF5 file of this layout."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
-
-    path: Path
+    path: Path  # The file
 
     def read(self, positions: np.ndarray) -> Float[np.ndarray, "row time channel"]:
-        """Read some rows.
-
-        Parameters
-        ----------
-        positions : ndarray of int
-            Numbers of the rows.
-
-        Returns
-        -------
-        ndarray, shape (row, time, channel)
-            Histories.
-        """
+        """Read some rows."""
         with opened_hdf5(self.path, "histories of runs") as file:
             values = file["values"]
             # h5py needs increasing, distinct rows.
@@ -61,20 +44,7 @@ class FileSource:
 
 @functools.lru_cache(maxsize=256)
 def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
-    """Find the rows of a file whose history cannot be read; looked for once in every state of the file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    changed, size : int
-        When it was last changed [ns], and its size [byte].
-
-    Returns
-    -------
-    frozenset of int
-        Numbers of the rows; pending runs have no history.
-    """
+    """Find the rows of a file whose history cannot be read; looked for once in every state of the file."""
     with opened_hdf5(path, "runs") as file:
         return frozenset(_unreadable(file["values"], np.flatnonzero(file["status"][...] != Status.PENDING)))
 

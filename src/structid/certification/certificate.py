@@ -289,39 +289,7 @@ def judged(
     against: tuple[str, ...] = (),
     correction: Correction | None = None,
 ) -> Certificate:
-    """Judge a posterior by true runs at fresh draws of it.
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        The draws.
-    stored : StoredRuns
-        True runs of all rounds.
-    names : tuple of str
-        Of what is compared; see `Target.compared_names`.
-    true_runs : int
-        True runs spent in all.
-    look : int
-        1 for the first certificate that is asked for, 2 for one after a refusal, and so on.
-    limits : Limits, optional
-        The limits to meet.
-    doubts : tuple of str
-        What is known against the draws before the model is run: they have not converged, or another explorer finds other ones.
-    against : tuple of str
-        What true runs say against them besides what is judged here.
-    correction : Correction, optional
-        From the law that is judged to the one that the densities of `fresh` belong to.
-
-    Returns
-    -------
-    Certificate
-        The verdict and its figures.
-
-    Raises
-    ------
-    InputError
-        If there are too few draws.
-    """
+    """Judge a posterior by true runs at fresh draws of it."""
     limits = Limits() if limits is None else limits
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")

@@ -21,25 +21,15 @@ ERRORS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """How far q′ is from q.
+    """How far q′ is from q."""
 
-    Parameters
-    ----------
-    distance : float
-        Total variation, ½ ∫|q′ − q|: no probability of an event differs by more.
-    mean, mean_error : ndarray, shape (parameter,)
-        Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error.
-    sd : ndarray, shape (parameter,)
-        Standard deviation of q′ over that of q.
-    correlation : ndarray, shape (parameter, parameter)
-        Correlations of q′ minus those of q.
-    """
-
-    distance: float
+    distance: float  # Total variation, ½ ∫|q′ − q|: no probability of an event differs by more
+    # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
     mean: Float[np.ndarray, " parameter"]
+    # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
     mean_error: Float[np.ndarray, " parameter"]
-    sd: Float[np.ndarray, " parameter"]
-    correlation: Float[np.ndarray, "parameter parameter"]
+    sd: Float[np.ndarray, " parameter"]  # Standard deviation of q′ over that of q
+    correlation: Float[np.ndarray, "parameter parameter"]  # Correlations of q′ minus those of q
 
     @classmethod
     def between(
@@ -48,20 +38,7 @@ class Correction:
         of_law: Float[np.ndarray, " point"],
         of_learnt: Float[np.ndarray, " point"],
     ) -> Correction:
-        """Compare two laws by points at which both are known.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            Of any law that is wider than both, as they are compared; see `Target.compared`.
-        of_law, of_learnt : ndarray, shape (point,)
-            Weights in averages over q and over q′, each up to a factor.
-
-        Returns
-        -------
-        Correction
-            From q to q′.
-        """
+        """Compare two laws by points at which both are known."""
         old, new = of_law / of_law.sum(), of_learnt / of_learnt.sum()
         middle = old @ theta
         sd = np.sqrt(old @ (theta - middle) ** 2)
@@ -79,18 +56,7 @@ class Correction:
         )
 
     def beyond(self, limits: Limits) -> bool:
-        """Whether q is so far off that it will not be certified, however well q′ is known.
-
-        Parameters
-        ----------
-        limits : Limits
-            Of means, standard deviations and correlations.
-
-        Returns
-        -------
-        bool
-            True if one of them is exceeded.
-        """
+        """Whether q is so far off that it will not be certified, however well q′ is known."""
         return bool(
             np.abs(self.mean).max() > limits.mean
             or np.abs(self.sd - 1.0).max() > limits.sd
@@ -98,69 +64,23 @@ class Correction:
         )
 
     def said_of(self, place: int, name: str) -> str:
-        """Say how far a mean is off.
-
-        Parameters
-        ----------
-        place : int
-            Of the parameter.
-        name : str
-            Its name.
-
-        Returns
-        -------
-        str
-            Without a full stop.
-        """
+        """Say how far a mean is off."""
         return (
             f"the mean of {name} lies {self.mean[place]:+.2f} ± {self.mean_error[place]:.2f} standard deviations away"
         )
 
     def mean_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """How far the means of q may be from the true ones.
-
-        Parameters
-        ----------
-        bound : ndarray, shape (parameter,)
-            The same of q′, in its own standard deviations.
-
-        Returns
-        -------
-        ndarray, shape (parameter,)
-            In standard deviations of q.
-        """
+        """How far the means of q may be from the true ones."""
         return np.asarray(np.abs(self.mean) + ERRORS * self.mean_error + bound * self.sd)
 
     def sd_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """How far the true standard deviations may be from those of q, as a share of these.
-
-        Parameters
-        ----------
-        bound : ndarray, shape (parameter,)
-            The same of q′.
-
-        Returns
-        -------
-        ndarray, shape (parameter,)
-            The product of both ratios is that far from one.
-        """
+        """How far the true standard deviations may be from those of q, as a share of these."""
         return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
 
     def correlation_bound(
         self, bound: Float[np.ndarray, "parameter parameter"]
     ) -> Float[np.ndarray, "parameter parameter"]:
-        """How far the true correlations may be from those of q.
-
-        Parameters
-        ----------
-        bound : ndarray, shape (parameter, parameter)
-            The same of q′.
-
-        Returns
-        -------
-        ndarray, shape (parameter, parameter)
-            The sum of both distances.
-        """
+        """How far the true correlations may be from those of q."""
         return np.asarray(np.abs(self.correlation) + bound)
 
 

@@ -15,20 +15,7 @@ FOLDS = 10
 def density_difference(
     gap: Float[np.ndarray, " draw"], draws: Float[np.ndarray, "draw parameter"]
 ) -> tuple[float, Beside]:
-    """Compare a density p with q, by draws of q.
-
-    Parameters
-    ----------
-    gap : ndarray, shape (draw,)
-        log p/q at the draws, both up to a constant.
-    draws : ndarray, shape (draw, parameter)
-        As they are compared; see `Target.compared`.
-
-    Returns
-    -------
-    tuple of float and Beside
-        log ∫p/∫q, and how far p is from q.
-    """
+    """Compare a density p with q, by draws of q."""
     scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
     weights = np.exp(gap - scale)
     moved = Correction.between(draws, np.ones(len(draws)), weights)

@@ -13,61 +13,27 @@ from structid.certification.limits import Limits
 
 
 class Beside(NamedTuple):
-    """How far laws that have not seen some draws are from q, to which they belong, on average over these laws.
+    """How far laws that have not seen some draws are from q, to which they belong, on average over these laws."""
 
-    Parameters
-    ----------
-    variation : float
-        Coefficient of variation of their density over that of q.
-    mean, sd : ndarray, shape (parameter,)
-        How far their means are away, in standard deviations of q, and their standard deviations, as a share.
-    """
-
-    variation: float = 0.0
+    variation: float = 0.0  # Coefficient of variation of their density over that of q
+    # How far their means are away, in standard deviations of q, and their standard deviations, as a share
     mean: Float[np.ndarray, " parameter"] = np.zeros(1)
+    # How far their means are away, in standard deviations of q, and their standard deviations, as a share
     sd: Float[np.ndarray, " parameter"] = np.zeros(1)
 
     @classmethod
     def average(cls, some: Sequence[Beside]) -> Beside:
-        """Average over several laws: the triangle inequality holds for each of them, and so for their averages.
-
-        Parameters
-        ----------
-        some : sequence of Beside
-            Of one law each.
-
-        Returns
-        -------
-        Beside
-            Their mean.
-        """
+        """Average over several laws: the triangle inequality holds for each of them, and so for their averages."""
         parts = [np.mean(part, axis=0) for part in zip(*some, strict=True)]
         return cls(float(parts[0]), *parts[1:])
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give everything for a journal.
-
-        Returns
-        -------
-        dict of str to ndarray
-            By name.
-        """
+        """Give everything for a journal."""
         return {f"beside_{name}": np.asarray(value) for name, value in self._asdict().items()}
 
     @classmethod
     def of(cls, entry: Mapping[str, np.ndarray]) -> Beside:
-        """Make it again of a journal's entry, which may say more.
-
-        Parameters
-        ----------
-        entry : mapping of str to ndarray
-            As `to_entry` gave it.
-
-        Returns
-        -------
-        Beside
-            The same.
-        """
+        """Make it again of a journal's entry, which may say more."""
         return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
@@ -77,41 +43,21 @@ THEMSELVES = Beside()
 
 @dataclass(frozen=True, eq=False)
 class FreshDraws:
-    """Draws of q, or of something wider, at which the true model was run, and what is known of q besides.
+    """Draws of q, or of something wider, at which the true model was run, and what is known of q besides."""
 
-    Parameters
-    ----------
-    theta : ndarray, shape (draw, parameter)
-        In SI; no surrogate was fitted to them.
-    compared : ndarray, shape (draw, parameter)
-        The same as their means and standard deviations are compared; see `Target.compared`.
-    log_true : ndarray, shape (draw,)
-        Log density of π there up to a constant, −inf where the true run failed.
-    log_drawn : ndarray, shape (draw,)
-        Log density of q, likewise.
-    shares : ndarray, shape (draw,)
-        What each counts in an average over q: one for plain draws, see `weight_variation`.
-    population : ndarray, shape (point, parameter)
-        Many draws of q, as they are compared.
-    highest : float
-        Largest log density of q among them.
-    impossible : ndarray of bool, shape (draw,), optional
-        Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
-    beside : Beside
-        How far the laws that `log_drawn` belongs to are from q.
-    missing : float
-        Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there.
-    """
-
-    theta: Float[np.ndarray, "draw parameter"]
+    theta: Float[np.ndarray, "draw parameter"]  # In SI; no surrogate was fitted to them
+    # The same as their means and standard deviations are compared; see `Target.compared`
     compared: Float[np.ndarray, "draw parameter"]
-    log_true: Float[np.ndarray, " draw"]
-    log_drawn: Float[np.ndarray, " draw"]
+    log_true: Float[np.ndarray, " draw"]  # Log density of π there up to a constant, −inf where the true run failed
+    log_drawn: Float[np.ndarray, " draw"]  # Log density of q, likewise
+    # What each counts in an average over q: one for plain draws, see `weight_variation`
     shares: Float[np.ndarray, " draw"]
-    population: Float[np.ndarray, "point parameter"]
-    highest: float
+    population: Float[np.ndarray, "point parameter"]  # Many draws of q, as they are compared
+    highest: float  # Largest log density of q among them
+    # Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing
     impossible: Bool[np.ndarray, " draw"] | None = None
-    beside: Beside = THEMSELVES
+    beside: Beside = THEMSELVES  # How far the laws that `log_drawn` belongs to are from q
+    # Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there
     missing: float = 0.0
 
     @property
@@ -149,15 +95,11 @@ class FreshDraws:
 
 @dataclass(frozen=True, eq=False)
 class StoredRuns:
-    """Log densities at true runs of all rounds.
+    """Log densities at true runs of all rounds."""
 
-    Parameters
-    ----------
-    log_true, log_drawn : ndarray, shape (run,)
-        Log densities of π and of q there, at the same discrepancy.
-    """
-
+    # Log densities of π and of q there, at the same discrepancy
     log_true: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
+    # Log densities of π and of q there, at the same discrepancy
     log_drawn: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -165,35 +107,11 @@ class StoredRuns:
         return np.asarray(np.isfinite(self.log_true))
 
     def above(self, highest: float) -> float:
-        """By how much the best run exceeds the best draw.
-
-        Parameters
-        ----------
-        highest : float
-            log q of that draw, on the scale of π.
-
-        Returns
-        -------
-        float
-            In nat; −inf where no run finished.
-        """
+        """By how much the best run exceeds the best draw."""
         return float(self.log_true[self._ran].max() - highest) if self._ran.any() else float("-inf")
 
     def excess(self, middle: float, reach: float) -> tuple[float, int]:
-        """Largest log π/q of the runs that matter, above the median over the draws.
-
-        Parameters
-        ----------
-        middle : float
-            That median.
-        reach : float
-            Distance from the best run within which they matter [nat].
-
-        Returns
-        -------
-        tuple of float and int
-            In nat, −inf where no run finished; and how many matter.
-        """
+        """Largest log π/q of the runs that matter, above the median over the draws."""
         if not self._ran.any():
             return float("-inf"), 0
         near = self._ran & (self.log_true >= self.log_true[self._ran].max() - reach)
@@ -201,20 +119,7 @@ class StoredRuns:
         return float(gap.max() - middle), int(near.sum())
 
     def understated(self, middle: float, limits: Limits) -> int:
-        """Count runs beyond reach that q understates by more than a share of their depth below the best.
-
-        Parameters
-        ----------
-        middle : float
-            Median of log π/q over the draws.
-        limits : Limits
-            Of the certificate.
-
-        Returns
-        -------
-        int
-            Where they are, q may hide a mode.
-        """
+        """Count runs beyond reach that q understates by more than a share of their depth below the best."""
         if not self._ran.any():
             return 0
         depth = self.log_true[self._ran].max() - self.log_true[self._ran]

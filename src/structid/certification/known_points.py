@@ -9,16 +9,5 @@ Points = tuple[np.ndarray, np.ndarray]
 
 
 def joined(first: Points, then: Points) -> Points:
-    """Put points behind others.
-
-    Parameters
-    ----------
-    first, then : tuple of ndarray
-        Points (point, parameter) in SI, and log π there.
-
-    Returns
-    -------
-    tuple of ndarray
-        All of them.
-    """
+    """Put points behind others."""
     return np.concatenate([first[0], then[0]]), np.concatenate([first[1], then[1]])

@@ -25,21 +25,7 @@ NOISE = 0.01
 
 
 class TrueRuns:
-    """Points, and the true model's responses there to every record.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        On the true model.
-    points : ndarray, shape (point, parameter)
-        The first design, in SI.
-    folder : Path or None
-        Where they are kept; in memory if None.
-    executor : object
-        Where an external model's runs are done; see `Campaign.run`.
-    tell : callable or None
-        Told of progress.
-    """
+    """Points, and the true model's responses there to every record."""
 
     def __init__(
         self,
@@ -67,13 +53,7 @@ class TrueRuns:
         return self._done
 
     def make(self, points: Float[np.ndarray, "point parameter"] | None = None) -> None:
-        """Run the model at every point where it has not been run.
-
-        Parameters
-        ----------
-        points : ndarray, shape (point, parameter), optional
-            Further points, in SI.
-        """
+        """Run the model at every point where it has not been run."""
         if points is not None:
             self.points = np.concatenate([self.points, points])
         if self.folder is not None:
@@ -86,24 +66,12 @@ class TrueRuns:
             self._done = runs if self._done is None else self._done + runs
 
     def refuse_another(self) -> None:
-        """See that the stored runs are those of this model and engine.
-
-        Raises
-        ------
-        StoreMismatchError
-            If they are not.
-        """
+        """See that the stored runs are those of this model and engine."""
         if self.folder is not None:
             self._campaign.refuse_another()
 
     def adopt(self) -> None:
-        """Take over the stored runs of another version of the model; those that failed will be repeated.
-
-        Raises
-        ------
-        StoreMismatchError
-            If they differ in something else; they are not changed.
-        """
+        """Take over the stored runs of another version of the model; those that failed will be repeated."""
         self._campaign.adopt()
         self.retry = True
 
@@ -121,13 +89,7 @@ class TrueRuns:
             self.tell("true runs", ended, total)
 
     def refuse_hopeless(self) -> None:
-        """Stop where none of the first runs has finished: the others would fail for the same reason.
-
-        Raises
-        ------
-        CampaignStoppedError
-            If all of them failed, and not because the structure did.
-        """
+        """Stop where none of the first runs has finished: the others would fail for the same reason."""
         if self.runs.done.any() or (self.runs.status == Status.STRUCTURE_FAILED).any():
             return
         reason, _ = self.runs.failures[0]
@@ -138,13 +100,7 @@ class TrueRuns:
         )
 
     def refuse_rest(self) -> None:
-        """Refuse a model whose responses do not move: nothing can be learnt from them.
-
-        Raises
-        ------
-        InputError
-            If all responses of all finished runs are constant in time.
-        """
+        """Refuse a model whose responses do not move: nothing can be learnt from them."""
         values = self.runs.values[self.runs.done]
         if not len(values):
             return
@@ -158,18 +114,7 @@ class TrueRuns:
             )
 
     def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
-        """Responses at some points to each observation's record.
-
-        Parameters
-        ----------
-        points : slice
-            Which.
-
-        Returns
-        -------
-        list of ndarray, shape (point, time, channel)
-            NaN where a run failed.
-        """
+        """Responses at some points to each observation's record."""
         count = len(self.records)
         rows = np.arange(len(self.points))[points]
         hashes = [r.content_hash for r in self.records]
@@ -181,18 +126,7 @@ class TrueRuns:
         return responses
 
     def once_more(self, place: int) -> list[np.ndarray]:
-        """Run the model at a known point again, to see whether it gives the same answer.
-
-        Parameters
-        ----------
-        place : int
-            Place of the point.
-
-        Returns
-        -------
-        list of ndarray, shape (1, time, channel)
-            Responses to each observation's record. They are kept apart from all others.
-        """
+        """Run the model at a known point again, to see whether it gives the same answer."""
         other = copy.copy(self)
         other.points, other._done = self.points[[place]], None
         other.folder = None if self.folder is None else self.folder / f"once_more_{place}"
@@ -200,18 +134,7 @@ class TrueRuns:
         return other.responses()
 
     def of_points(self, points: Int[np.ndarray, " point"]) -> Runs:
-        """Runs of some points, to every record.
-
-        Parameters
-        ----------
-        points : ndarray of int, shape (point,)
-            Which.
-
-        Returns
-        -------
-        Runs
-            One for each record and point.
-        """
+        """Runs of some points, to every record."""
         count = len(self.records)
         return self.runs[(points[:, None] * count + np.arange(count)).ravel()]
 
@@ -221,18 +144,7 @@ class TrueRuns:
         return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
 
     def collapsed(self, points: slice) -> Bool[np.ndarray, " point"]:
-        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself.
-
-        Parameters
-        ----------
-        points : slice
-            Which.
-
-        Returns
-        -------
-        ndarray of bool, shape (point,)
-            True where it failed.
-        """
+        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself."""
         status = self.runs.status.reshape(len(self.points), len(self.records))[points]
         return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
 
@@ -241,18 +153,7 @@ class TrueRuns:
 
 
 def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
-    """Say that a point that was run twice has two densities.
-
-    Parameters
-    ----------
-    log_density, again : float
-        By both runs.
-
-    Returns
-    -------
-    tuple of str
-        A sentence where they differ.
-    """
+    """Say that a point that was run twice has two densities."""
     difference = abs(again - log_density)
     if not difference > NOISE:
         return ()

@@ -13,36 +13,12 @@ from structid.certification.weight_variation import WeightVariation
 
 
 def standardised(fresh: FreshDraws) -> Float[np.ndarray, "draw parameter"]:
-    """Give the draws in standard deviations of q from its mean.
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        The draws, and a population of q.
-
-    Returns
-    -------
-    ndarray, shape (draw, parameter)
-        Of no unit.
-    """
+    """Give the draws in standard deviations of q from its mean."""
     return _in_sds(fresh.compared, fresh.population)
 
 
 def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tuple[np.ndarray, np.ndarray]:
-    """E_q (w − 1) f of functions of the parameters.
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        Draws with weights.
-    values : ndarray, shape (draw, function)
-        f at the draws.
-
-    Returns
-    -------
-    tuple of ndarray, shape (function,)
-        By how much the weights move the averages, and the Monte-Carlo error of that.
-    """
+    """E_q (w − 1) f of functions of the parameters."""
     plain = fresh.shares / fresh.shares.sum()
     moved = (fresh.weights - plain) @ values
     # Of a self-normalised estimate.
@@ -56,18 +32,6 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray,
     Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
     there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
     parameters are bounded at once. Where a marginal has long tails, the draws say more.
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        The draws.
-    variation : WeightVariation
-        Of their weights.
-
-    Returns
-    -------
-    ndarray, shape (parameter,)
-        1 − √(1 − bound of the relative error of the variance).
     """
     estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
     quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
@@ -82,18 +46,6 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np
 
     A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This is
     χ sd_q(f) at most, for normal ones χ (1 − ρ²), and the square of χ bounds what the means take away.
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        The draws.
-    variation : WeightVariation
-        Of their weights.
-
-    Returns
-    -------
-    ndarray, shape (parameter, parameter)
-        Zero on the diagonal.
     """
     z = _in_sds(fresh.population, fresh.population)
     rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
@@ -111,18 +63,6 @@ def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float
     """How far means and standard deviations may be off because q is zero where a share δ of π lies.
 
     If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
-
-    Parameters
-    ----------
-    fresh : FreshDraws
-        The draws.
-    variation : WeightVariation
-        Of their weights, which know nothing of it.
-
-    Returns
-    -------
-    tuple of float and ndarray (parameter,)
-        χ, which bounds the means, and a share of each standard deviation.
     """
     lost = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
     return lost, _of_sd(replace(variation, bound=lost).of_variance(_kurtosis(fresh.population)))

@@ -14,27 +14,13 @@ from structid.inference.convergence import standard_error
 
 @dataclass(frozen=True, eq=False)
 class MonteCarloError:
-    """How far moments of draws may be from those of their law, with the confidence of a certificate.
+    """How far moments of draws may be from those of their law, with the confidence of a certificate."""
 
-    Parameters
-    ----------
-    mean : ndarray, shape (parameter,)
-        Of every mean, in standard deviations.
-    sd : ndarray, shape (parameter,)
-        Of every standard deviation, as a share of it.
-    correlation : ndarray, shape (parameter, parameter)
-        Of every correlation.
-    size : float
-        Number of independent draws whose means would be as uncertain as the most uncertain of these.
-    confidence : float
-        With which all of them hold.
-    """
-
-    mean: Float[np.ndarray, " parameter"]
-    sd: Float[np.ndarray, " parameter"]
-    correlation: Float[np.ndarray, "parameter parameter"]
-    size: float
-    confidence: float
+    mean: Float[np.ndarray, " parameter"]  # Of every mean, in standard deviations
+    sd: Float[np.ndarray, " parameter"]  # Of every standard deviation, as a share of it
+    correlation: Float[np.ndarray, "parameter parameter"]  # Of every correlation
+    size: float  # Number of independent draws whose means would be as uncertain as the most uncertain of these
+    confidence: float  # With which all of them hold
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
@@ -43,18 +29,6 @@ class MonteCarloError:
         By the central limit theorem for chains, the mean of a function f over draws is off by its standard error times a normal
         quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for a correlation
         ρ, to first order, z_i z_j − ½ ρ (z_i² + z_j²).
-
-        Parameters
-        ----------
-        draws : ndarray, shape (chain, draw, parameter)
-            What is compared; see `Target.compared`.
-        confidence : float
-            With which all moments of one kind hold together (Bonferroni).
-
-        Returns
-        -------
-        MonteCarloError
-            The bounds.
         """
         dimension = draws.shape[2]
         z = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
@@ -69,35 +43,11 @@ class MonteCarloError:
         return cls(one * of_mean, one * of_sd, pairs * of_correlation, float(of_mean.max() ** -2), confidence)
 
     def of_probability(self, p: float) -> float:
-        """How far the share of the draws at which an event happens may be from its probability.
-
-        Parameters
-        ----------
-        p : float
-            The probability.
-
-        Returns
-        -------
-        float
-            A normal quantile times √(p (1 − p)/n), n the number of independent draws.
-        """
+        """How far the share of the draws at which an event happens may be from its probability."""
         return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
 
     def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Say that there are too few draws, whatever law they come from.
-
-        Parameters
-        ----------
-        limits : Limits
-            Of a certificate.
-        names : tuple of str
-            What is compared.
-
-        Returns
-        -------
-        tuple of str
-            A sentence where a moment may be further from that of the law than a certificate allows; else empty.
-        """
+        """Say that there are too few draws, whatever law they come from."""
         of_correlation = self.correlation.max(axis=1)
         kinds = [
             (self.mean / limits.mean, "the mean", [f"{x:.2g} standard deviations" for x in self.mean], f"{limits.mean:g}"),

@@ -14,19 +14,7 @@ from structid.inference.target import Target
 
 
 class Truth:
-    """The true posterior at the points that are asked for, one set after another.
-
-    Parameters
-    ----------
-    posterior : Target
-        On the true model.
-    folder : Path or None
-        Where its runs are kept; in memory if None.
-    executor : object
-        Where an external model's runs are done; see `Campaign.run`.
-    tell : callable or None
-        Told of progress.
-    """
+    """The true posterior at the points that are asked for, one set after another."""
 
     def __init__(self, posterior: Target, folder: Path | None, executor: Any, tell: Tell | None) -> None:
         self.posterior, self.folder, self.executor, self.tell = posterior, folder, executor, tell
@@ -36,31 +24,14 @@ class Truth:
         self.count = 0
 
     def at(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Run the model.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            Log π, −inf where a run failed.
-        """
+        """Run the model."""
         found = self._run(theta)
         found = np.where(np.isfinite(found), found, -np.inf)
         self.theta, self.log_density = np.concatenate([self.theta, theta]), np.concatenate([self.log_density, found])
         return found
 
     def twice(self) -> tuple[str, ...]:
-        """Run the first point again: what has two densities there is no function.
-
-        Returns
-        -------
-        tuple of str
-            A sentence, if so.
-        """
+        """Run the first point again: what has two densities there is no function."""
         return noise_doubts(float(self.log_density[0]), float(self._run(self.theta[:1])[0]))
 
     @property

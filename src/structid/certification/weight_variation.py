@@ -33,80 +33,29 @@ LEAST_QUANTILE = 1e-12
 
 @dataclass(frozen=True)
 class WeightVariation:
-    """The coefficient of variation of importance weights.
+    """The coefficient of variation of importance weights."""
 
-    Parameters
-    ----------
-    estimate : float
-        χ̂ from the draws; infinite where all weights but one vanish.
-    bound : float
-        U, which is above χ with the confidence asked for if the weights are no more heavy-tailed than they look.
-    confidence : float
-        That.
-    draws : float
-        Effective number of draws behind it.
-    inflation : float
-        How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise.
-    """
-
-    estimate: float
+    estimate: float  # χ̂ from the draws; infinite where all weights but one vanish
+    # U, which is above χ with the confidence asked for if the weights are no more heavy-tailed than they look
     bound: float
-    confidence: float
-    draws: float
+    confidence: float  # That
+    draws: float  # Effective number of draws behind it
+    # How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise
     inflation: float = 1.0
 
     def of_probability(self, p: float | np.ndarray) -> float | np.ndarray:
-        """Largest error of the probability of an event.
-
-        Parameters
-        ----------
-        p : float or ndarray
-            Its probability under q.
-
-        Returns
-        -------
-        float or ndarray
-            U √(p (1 − p)).
-        """
+        """Largest error of the probability of an event."""
         return self.bound * np.sqrt(p * (1.0 - p))
 
     def of_variance(self, kurtosis: np.ndarray) -> np.ndarray:
-        """Largest relative error of a variance.
-
-        Parameters
-        ----------
-        kurtosis : ndarray
-            κ = E (x − μ)⁴ / σ⁴ of the marginal under q.
-
-        Returns
-        -------
-        ndarray
-            U √(κ − 1) + U²: the first by f = (x − μ)², of which (κ − 1) σ⁴ is the variance, the second since the mean shifts, too.
-        """
+        """Largest relative error of a variance."""
         return np.asarray(self.bound * np.sqrt(np.maximum(kurtosis, 1.0) - 1.0) + self.bound**2)
 
 
 def weight_variation(
     log_ratios: Float[np.ndarray, " draw"], shares: Float[np.ndarray, " draw"], confidence: float
 ) -> WeightVariation:
-    """Estimate χ from draws, and bound it.
-
-    Parameters
-    ----------
-    log_ratios : ndarray, shape (draw,)
-        log π/q at each draw, both up to a constant; −inf where π vanishes.
-    shares : ndarray, shape (draw,)
-        What each draw counts in an average over q, up to a constant: one where it was drawn from q, q/g where from g.
-    confidence : float
-        With which the bound shall hold.
-
-    Returns
-    -------
-    WeightVariation
-        With s² the variance of the weights, ν s²/χ² is nearly of a chi-squared law of ν = 2 (n − 1)/(κ − 1) degrees of freedom (n
-        effective draws, κ the kurtosis of the weights), whence U = χ̂ √(ν/χ²_ν(1 − confidence)). With noise of the variance ε² added
-        to the weights, U² + ε² bounds χ² + ε² in the same way, and κ is smaller; the smaller U of both is taken.
-    """
+    """Estimate χ from draws, and bound it."""
     shares = shares / shares.sum()
     count = weighted_size(shares)
     ran = np.isfinite(log_ratios)

@@ -24,13 +24,7 @@ def about(
 
 
 def application() -> typer.Typer:
-    """Put the registered commands together.
-
-    Returns
-    -------
-    typer.Typer
-        To be called.
-    """
+    """Put the registered commands together."""
     app = typer.Typer(
         no_args_is_help=True,
         pretty_exceptions_enable=False,

@@ -37,20 +37,7 @@ errors = Console(stderr=True, highlight=False)
 
 @contextmanager
 def stage(name: str, passing: bool = False) -> Iterator[Any]:
-    """Show how much of a stage is done: a progress bar, or lines where there is no terminal.
-
-    Parameters
-    ----------
-    name : str
-        What is going on.
-    passing : bool
-        The bar vanishes at its end, and nothing is written where there is no terminal.
-
-    Yields
-    ------
-    callable
-        Takes the amount done, the total, and how many have failed.
-    """
+    """Show how much of a stage is done: a progress bar, or lines where there is no terminal."""
     with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as told:
         yield told
 
@@ -136,15 +123,7 @@ class _OnScreen(logging.Handler):
 
 
 def print_table(heads: list[str], rows: list[list[str]]) -> None:
-    """Print a table: a row for each thing where the screen is wide enough, else a block.
-
-    Parameters
-    ----------
-    heads : list of str
-        Of the columns.
-    rows : list of list of str
-        Cells.
-    """
+    """Print a table: a row for each thing where the screen is wide enough, else a block."""
     from structid.inference.model_comparison.comparison import aligned
 
     lines = aligned(heads, rows)
@@ -158,13 +137,7 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
 
 def finish(outcome: StudyOutcome) -> None:
-    """Say what a study has found. The exit code says whether to believe it.
-
-    Parameters
-    ----------
-    outcome : StudyOutcome
-        Of the study.
-    """
+    """Say what a study has found. The exit code says whether to believe it."""
     screen.print()
     if outcome.parameter_study is not None:
         screen.print(str(outcome.parameter_study), markup=False, soft_wrap=True)

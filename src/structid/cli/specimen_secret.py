@@ -20,23 +20,7 @@ SecretFile = Annotated[
 
 
 def secret_of(path: Path | None) -> str:
-    """Read the secret.
-
-    Parameters
-    ----------
-    path : Path or None
-        Its file; the environment is looked at when left out.
-
-    Returns
-    -------
-    str
-        Without white space around it.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Read the secret."""
     if path is not None:
         if not path.is_file():
             cure = f'Make one: python -c "import secrets; print(secrets.token_hex(32))" > {path}'

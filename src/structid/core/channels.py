@@ -10,18 +10,10 @@ from structid.core.units import factor_of, si_unit
 
 
 class ChannelUnit(NamedTuple):
-    """Units of a channel.
+    """Units of a channel."""
 
-    Parameters
-    ----------
-    si : str
-        What its values are in; empty for a channel whose dimension is not known.
-    display : str
-        What tables and figures show.
-    """
-
-    si: str
-    display: str
+    si: str  # What its values are in; empty for a channel whose dimension is not known
+    display: str  # What tables and figures show
 
 
 UNKNOWN = ChannelUnit("", "")
@@ -59,59 +51,19 @@ OF_A_POINT = ("ux_", "uy_")
 
 
 def base_channel(channel: str) -> str:
-    """Strip the storey from a channel's name.
-
-    Parameters
-    ----------
-    channel : str
-        ``"displacement_2"`` or ``"displacement"``.
-
-    Returns
-    -------
-    str
-        ``"displacement"``.
-    """
+    """Strip the storey from a channel's name."""
     head, _, tail = channel.rpartition("_")
     return head if tail.isdigit() else channel
 
 
 def standard_unit(channel: str) -> ChannelUnit:
-    """Return the units that a channel's name stands for.
-
-    Parameters
-    ----------
-    channel : str
-        A channel's name, with or without a storey.
-
-    Returns
-    -------
-    ChannelUnit
-        `UNKNOWN` for a name that is not standard.
-    """
+    """Return the units that a channel's name stands for."""
     of_a_point = STANDARD_CHANNELS["displacement"] if channel.startswith(OF_A_POINT) else UNKNOWN
     return STANDARD_CHANNELS.get(base_channel(channel), of_a_point)
 
 
 def declared_unit(channel: str, unit: str) -> ChannelUnit:
-    """Return the units of a channel whose display unit somebody declares.
-
-    Parameters
-    ----------
-    channel : str
-        Its name.
-    unit : str
-        What tables and figures are to show, such as ``"mm"``. A standard name keeps its own.
-
-    Returns
-    -------
-    ChannelUnit
-        With the SI unit of that dimension.
-
-    Raises
-    ------
-    InputError
-        If the unit is unknown, or of another dimension than a standard name stands for.
-    """
+    """Return the units of a channel whose display unit somebody declares."""
     known = standard_unit(channel)
     if known.si:
         factor_of(unit, known.si, f"unit of the channel '{channel}'")
@@ -120,27 +72,7 @@ def declared_unit(channel: str, unit: str) -> ChannelUnit:
 
 
 def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Return `channels` as a tuple if all are known and none is named twice.
-
-    Parameters
-    ----------
-    where : str
-        The argument or key, for the message.
-    channels : sequence of str
-        What came.
-    known : sequence of str
-        What the model has.
-
-    Returns
-    -------
-    tuple of str
-        The channels.
-
-    Raises
-    ------
-    InputError
-        If one is unknown or repeated, or there is none.
-    """
+    """Return `channels` as a tuple if all are known and none is named twice."""
     names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
     for name in names:
         if name not in known and f"absolute_{name}" in known:

@@ -12,25 +12,12 @@ import threadpoolctl
 
 
 def available_cores() -> int:
-    """Count the cores this process may use.
-
-    Returns
-    -------
-    int
-        How many.
-    """
+    """Count the cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def cores_to_use() -> int:
-    """Count the cores this process is to use.
-
-    Returns
-    -------
-    int
-        The environment variable JAX_NUM_CPU_DEVICES; without it, 1 in a process that another one of Python's has started, such as a
-        worker of a pool or of Dask, which has neighbours; else all that are available.
-    """
+    """Count the cores this process is to use."""
     alone = multiprocessing.parent_process() is None
     return max(int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores() if alone else 1)), 1)
 
@@ -42,33 +29,11 @@ def _blas() -> threadpoolctl.ThreadpoolController:
 
 
 def blas_threads(count: int | None) -> AbstractContextManager[object]:
-    """Limit the threads of the linear algebra for a while.
-
-    Parameters
-    ----------
-    count : int or None
-        How many; None leaves them as they are.
-
-    Returns
-    -------
-    context manager
-        At its end there are as many as before.
-    """
+    """Limit the threads of the linear algebra for a while."""
     limited: AbstractContextManager[object] = _blas().limit(limits=count)
     return limited
 
 
 def cache_folder(name: str) -> Path:
-    """Where compiled code is kept from one process to the next.
-
-    Parameters
-    ----------
-    name : str
-        Which compiler's.
-
-    Returns
-    -------
-    Path
-        Under XDG_CACHE_HOME, or ``~/.cache``; it may not exist yet.
-    """
+    """Where compiled code is kept from one process to the next."""
     return Path(os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))) / "structid" / name

@@ -37,25 +37,7 @@ class InputError(StructidError, ValueError):
 
 @contextmanager
 def undamaged(path: object, content: str) -> Iterator[None]:
-    """Say of a file that cannot be read what it was, and what is lost with it.
-
-    Parameters
-    ----------
-    path : object
-        The file.
-    content : str
-        What it holds.
-
-    Yields
-    ------
-    None
-        While it is read.
-
-    Raises
-    ------
-    InputError
-        If reading fails in a way that only a damaged file explains.
-    """
+    """Say of a file that cannot be read what it was, and what is lost with it."""
     try:
         yield
     except StructidError:
@@ -71,23 +53,7 @@ def undamaged(path: object, content: str) -> Iterator[None]:
 
 @contextmanager
 def within(where: str) -> Iterator[None]:
-    """Say in a refusal where in the user's file the cause stands.
-
-    Parameters
-    ----------
-    where : str
-        The table or key, which is put before the argument that was refused.
-
-    Yields
-    ------
-    None
-        While what may refuse is called.
-
-    Raises
-    ------
-    InputError
-        What was raised inside, with the place in front.
-    """
+    """Say in a refusal where in the user's file the cause stands."""
     try:
         yield
     except InputError as error:
@@ -160,20 +126,7 @@ ABBREVIATIONS = {
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Say which known name is nearest to a wrong one.
-
-    Parameters
-    ----------
-    name : str
-        The name that came.
-    known : iterable of str
-        The names that are allowed.
-
-    Returns
-    -------
-    str
-        ``"Did you mean 'stiffness'?"``, or an empty string when nothing is near.
-    """
+    """Say which known name is nearest to a wrong one."""
     names = list(known)
     meant = ABBREVIATIONS.get(name.lower())
     close = [meant] if meant in names else difflib.get_close_matches(name, names, n=1, cutoff=0.5)
@@ -181,27 +134,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 
 def check_choice(where: str, value: str, allowed: Iterable[str]) -> str:
-    """Return `value` if it is one of `allowed`, else raise with the nearest allowed one.
-
-    Parameters
-    ----------
-    where : str
-        The argument or key, for the message.
-    value : str
-        What came.
-    allowed : iterable of str
-        What may come.
-
-    Returns
-    -------
-    str
-        `value` itself.
-
-    Raises
-    ------
-    InputError
-        If `value` is none of `allowed`.
-    """
+    """Return `value` if it is one of `allowed`, else raise with the nearest allowed one."""
     names = list(allowed)
     if value not in names:
         raise InputError(where, f"'{value}'", ", ".join(f"'{n}'" for n in names), suggestion(str(value), names))

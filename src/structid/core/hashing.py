@@ -13,18 +13,7 @@ import numpy as np
 
 
 def digest(*parts: Any) -> str:
-    """Short content hash of arrays and of anything that JSON can represent.
-
-    Parameters
-    ----------
-    *parts : ndarray or JSON value
-        The parts to hash, in order.
-
-    Returns
-    -------
-    str
-        Sixteen hexadecimal digits.
-    """
+    """Short content hash of arrays and of anything that JSON can represent."""
     sha = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
@@ -39,16 +28,6 @@ def function_identity(function: Any) -> str:
 
     The hash covers its code, its defaults, the variables of its closure, and everything that it uses from its own module:
     other functions and classes, numbers, texts and arrays. Names imported from other modules count by name only.
-
-    Parameters
-    ----------
-    function : callable
-        The function.
-
-    Returns
-    -------
-    str
-        The hash. It is the same in every process, and does not depend on memory addresses.
     """
     return digest(_described(function, set()))
 

@@ -28,13 +28,6 @@ class Journal:
 
     An entry is on disk (``fsync``) before `append` returns. Each entry has its length and checksum, so that a last entry
     that a kill has left incomplete is recognised; the next entry overwrites it.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; it is created with the first entry.
-    identity : mapping
-        Everything that the content depends on (hashes, seeds, settings). A file with another identity is refused.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
@@ -99,36 +92,12 @@ class Journal:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Journal:
-        """Open a journal with any identity, to read it.
-
-        Parameters
-        ----------
-        path : path-like
-            The file.
-
-        Returns
-        -------
-        Journal
-            The journal, with the identity found in the file.
-        """
+        """Open a journal with any identity, to read it."""
         return cls(path, _identity_of(Path(path)))
 
     @staticmethod
     def entries_after(path: str | os.PathLike[str], place: int) -> tuple[list[dict[str, np.ndarray]], int]:
-        """Read what has been written since, beside the process that writes.
-
-        Parameters
-        ----------
-        path : path-like
-            The file.
-        place : int
-            Where the last reading ended; 0 at first.
-
-        Returns
-        -------
-        tuple of list of dict and int
-            Whole entries, and where this reading ended.
-        """
+        """Read what has been written since, beside the process that writes."""
         found = []
         with Path(path).open("rb") as file:
             file.seek(place or len(_MAGIC))
@@ -147,13 +116,7 @@ class Journal:
         self._end = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one entry to disk; it is safe there when this returns.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The entry.
-        """
+        """Write one entry to disk; it is safe there when this returns."""
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
         framed = _frame(buffer.getvalue())
@@ -188,15 +151,7 @@ def _identity_of(path: Path) -> dict[str, Any]:
 
 
 def write_then_rename(path: Path, content: bytes) -> None:
-    """Write a file completely or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : bytes
-        Its content.
-    """
+    """Write a file completely or not at all."""
     temporary = path.with_name(path.name + ".partial")
     try:
         with temporary.open("wb") as file:
@@ -214,20 +169,7 @@ READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
 
 
 def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
-    """Refuse a store of another version, and say which version reads it.
-
-    Parameters
-    ----------
-    path : Path
-        The store, for the message.
-    found, expected : int or None
-        Its layout, and the one of this version; None for stores without.
-
-    Raises
-    ------
-    StoreMismatchError
-        If they differ.
-    """
+    """Refuse a store of another version, and say which version reads it."""
     if found == expected or expected is None:
         return
     version = READERS.get(1 if found is None else found)
@@ -249,25 +191,7 @@ CURES = {
 
 @contextmanager
 def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
-    """Open an HDF5 file that somebody names, and tell one that is damaged from one that never was such a file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    content : str
-        What it should hold.
-
-    Yields
-    ------
-    h5py.File
-        Open for reading.
-
-    Raises
-    ------
-    InputError
-        If it is no HDF5 file, or a part of it that is asked for cannot be read.
-    """
+    """Open an HDF5 file that somebody names, and tell one that is damaged from one that never was such a file."""
     import h5py
 
     given = Path(path)
@@ -283,20 +207,7 @@ def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
-    """Refuse a store with another identity, and report what differs.
-
-    Parameters
-    ----------
-    path : Path
-        The store, for the message.
-    found, expected : mapping
-        The identity in the file and the expected one.
-
-    Raises
-    ------
-    StoreMismatchError
-        If they differ.
-    """
+    """Refuse a store with another identity, and report what differs."""
     refuse_other_layout(path, found.get("schema"), expected.get("schema"))
     differing = differences(found, expected)
     if differing:
@@ -311,18 +222,7 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
 
 
 def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
-    """List the keys in which two identities differ.
-
-    Parameters
-    ----------
-    found, expected : mapping
-        The identities.
-
-    Returns
-    -------
-    list of str
-        The keys, sorted.
-    """
+    """List the keys in which two identities differ."""
     plain = json.loads(json.dumps(dict(expected)))
     return sorted(k for k in {*found, *plain} if found.get(k) != plain.get(k))
 

@@ -16,18 +16,7 @@ class Section(BaseModel):
 
 
 def quantity(unit: str) -> Any:
-    """Type of a number in SI, given in a file as a number in SI or as a text with a unit.
-
-    Parameters
-    ----------
-    unit : str
-        The SI unit.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of a number in SI, given in a file as a number in SI or as a text with a unit."""
     return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
 
 

@@ -16,13 +16,7 @@ class ShownAsText:
 
 
 def shown_as_pictures(figures: type[Any]) -> None:
-    """Let a notebook show matplotlib's figures as pictures, whether or not pyplot is in use there; nothing where there is none.
-
-    Parameters
-    ----------
-    figures : type
-        ``matplotlib.figure.Figure``.
-    """
+    """Let a notebook show matplotlib's figures as pictures, whether or not pyplot is in use there; nothing where there is none."""
     running = sys.modules.get("IPython")
     shell = None if running is None else running.get_ipython()
     if shell is None:

@@ -9,32 +9,13 @@ Progress = Callable[[int, int], None]
 
 
 class Stages:
-    """Progress of work in stages of different weight, reported in hundredths of the whole.
-
-    Parameters
-    ----------
-    progress : callable or None
-        Called with the number of finished hundredths and 100.
-    weights : mapping of str to float
-        The stages in order, with the share of the time that each takes.
-    """
+    """Progress of work in stages of different weight, reported in hundredths of the whole."""
 
     def __init__(self, progress: Progress | None, weights: Mapping[str, float]) -> None:
         self._progress, self._weights = progress, dict(weights)
 
     def of(self, stage: str) -> Progress:
-        """Return the function to which a stage reports its own progress.
-
-        Parameters
-        ----------
-        stage : str
-            Name of the stage.
-
-        Returns
-        -------
-        callable
-            Called with the number of finished steps of the stage and their total.
-        """
+        """Return the function to which a stage reports its own progress."""
         whole = sum(self._weights.values())
         names = list(self._weights)
         before = sum(self._weights[n] for n in names[: names.index(stage)])
@@ -46,26 +27,12 @@ class Stages:
         return report
 
     def done(self, stage: str) -> None:
-        """Report that a stage has ended, whatever number of its steps it took.
-
-        Parameters
-        ----------
-        stage : str
-            Name of the stage.
-        """
+        """Report that a stage has ended, whatever number of its steps it took."""
         self.of(stage)(1, 1)
 
 
 class Steps:
-    """Counts steps; each call counts one.
-
-    Parameters
-    ----------
-    progress : callable or None
-        Called with the number of finished steps and the total.
-    total : int
-        Total number of steps.
-    """
+    """Counts steps; each call counts one."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0

@@ -47,13 +47,7 @@ class ProgressBars:
         self._display.stop()
 
     def __call__(self, *report: Any) -> None:
-        """Show what a step reports.
-
-        Parameters
-        ----------
-        *report : str, int
-            Name of the step, if there are several; the amount done and the total; and the number of failed runs of a campaign.
-        """
+        """Show what a step reports."""
         name, numbers = (report[0], report[1:]) if isinstance(report[0], str) else ("", report)
         done, total, *failed = numbers
         if name not in self._steps:

@@ -21,18 +21,7 @@ SHOWN = 10
 
 
 def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
-    """List reasons with their counts, the most frequent first, and how many more there are.
-
-    Parameters
-    ----------
-    failures : sequence of tuple of str and int
-        Reasons and how often each was given.
-
-    Returns
-    -------
-    list of str
-        A line each.
-    """
+    """List reasons with their counts, the most frequent first, and how many more there are."""
     lines = [f"  {count:6d} x {reason}" for reason, count in failures[:SHOWN]]
     runs = sum(count for _, count in failures[SHOWN:])
     if runs:
@@ -41,18 +30,7 @@ def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
-    """Count reasons that differ in numbers and paths alone as one.
-
-    Parameters
-    ----------
-    reasons : iterable of str
-        Of single runs; empty where none failed.
-
-    Returns
-    -------
-    list of tuple of str and int
-        The most frequent first: in its own words where all are the same, else with … for what differs.
-    """
+    """Count reasons that differ in numbers and paths alone as one."""
     groups: dict[str, list[str]] = {}
     for reason in filter(None, reasons):
         plain = _without_place(reason)
@@ -62,36 +40,12 @@ def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
 
 
 def with_words(how: str, words: str) -> str:
-    """Combine how a run ended with the last output of its solver.
-
-    Parameters
-    ----------
-    how : str
-        Such as ``"exit code 3"``.
-    words : str
-        Last output of the solver; nothing is added if it is empty.
-
-    Returns
-    -------
-    str
-        Such as ``"exit code 3; it last said: matrix is singular"``.
-    """
+    """Combine how a run ended with the last output of its solver."""
     return f"{how}{_LAST_SAID}{words}" if words and _LAST_SAID not in how else how
 
 
 def general_reason(reason: str) -> str:
-    """Remove numbers and paths from a reason, so that equal reasons can be counted.
-
-    Parameters
-    ----------
-    reason : str
-        Such as ``"not finite from 3.41 s on"``.
-
-    Returns
-    -------
-    str
-        Such as ``"not finite from … s on"``, one line.
-    """
+    """Remove numbers and paths from a reason, so that equal reasons can be counted."""
     return _NUMBER.sub("…", _without_place(reason))
 
 
@@ -101,18 +55,7 @@ def _without_place(reason: str) -> str:
 
 
 def short_reason(reason: str) -> str:
-    """Shorten a reason to one line: how the run ended, and the last three lines of the solver's output that fit.
-
-    Parameters
-    ----------
-    reason : str
-        The reason, up to a page long.
-
-    Returns
-    -------
-    str
-        One line.
-    """
+    """Shorten a reason to one line: how the run ended, and the last three lines of the solver's output that fit."""
     place = _PLACE.search(reason)
     how, said, words = _PLACE.sub("", reason).partition(_LAST_SAID)
     lines = [line.strip() for line in words.splitlines() if line.strip() and not _FAREWELL.fullmatch(line.strip())]

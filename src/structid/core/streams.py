@@ -86,40 +86,10 @@ def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence
 
 
 def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
-    """Random numbers for one purpose.
-
-    Parameters
-    ----------
-    seed : int
-        The seed that a user gives, 0 or more.
-    purpose : Purpose
-        What they are for.
-    index : int
-        Which block, stage or round of it.
-
-    Returns
-    -------
-    numpy.random.Generator
-        The same for the same three.
-    """
+    """Random numbers for one purpose."""
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
 def derived_seed(seed: int, purpose: Purpose, index: int = 0) -> int:
-    """Seed for a part that derives streams of its own.
-
-    Parameters
-    ----------
-    seed : int
-        The seed that a user gives, 0 or more.
-    purpose : Purpose
-        What the part does.
-    index : int
-        Which time.
-
-    Returns
-    -------
-    int
-        Below 2³².
-    """
+    """Seed for a part that derives streams of its own."""
     return int(_sequence(seed, purpose, index).generate_state(1)[0])

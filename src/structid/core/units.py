@@ -94,44 +94,12 @@ def _si_quantity(unit: str) -> Any:
 
 
 def factor(unit: str) -> float:
-    """SI value of one `unit`, so that ``value_si = value * factor(unit)``.
-
-    Parameters
-    ----------
-    unit : str
-        A unit such as ``"kN/mm"``; empty for a dimensionless number.
-
-    Returns
-    -------
-    float
-        The factor, 1e6 for ``"kN/mm"``.
-
-    Raises
-    ------
-    InputError
-        If the unit is unknown, means several things, as a ton does, or is no factor, as a degree Celsius is not.
-    """
+    """SI value of one `unit`, so that ``value_si = value * factor(unit)``."""
     return float(_si_quantity(unit).magnitude)
 
 
 def si_unit(unit: str) -> str:
-    """Name the SI unit of the dimension that a unit measures.
-
-    Parameters
-    ----------
-    unit : str
-        A unit such as ``"mm"``.
-
-    Returns
-    -------
-    str
-        In the words of the unit, such as ``"N/m"`` for kN/mm; empty for a pure number.
-
-    Raises
-    ------
-    InputError
-        If the unit is unknown.
-    """
+    """Name the SI unit of the dimension that a unit measures."""
     if _si_quantity(unit).dimensionless:
         return ""
     registry = _registry()
@@ -145,43 +113,12 @@ def si_unit(unit: str) -> str:
 
 
 def same_dimension(unit: str, other: str) -> bool:
-    """Whether two units measure the same kind of quantity.
-
-    Parameters
-    ----------
-    unit, other : str
-        The units to compare.
-
-    Returns
-    -------
-    bool
-        True for ``"kN/mm"`` and ``"N/m"``.
-    """
+    """Whether two units measure the same kind of quantity."""
     return bool(_si_quantity(unit).dimensionality == _si_quantity(other).dimensionality)
 
 
 def to_si(value: float | str, unit: str, where: str = "value") -> float:
-    """Convert a number, or a text such as ``"7.6 kN/mm"``, to SI.
-
-    Parameters
-    ----------
-    value : float or str
-        A number is in `unit`; a text has its own unit.
-    unit : str
-        The expected unit, which the unit of a text must have the same dimension as.
-    where : str
-        The key or argument, for the message.
-
-    Returns
-    -------
-    float
-        The value in SI.
-
-    Raises
-    ------
-    InputError
-        If the text is not a quantity, or has another dimension.
-    """
+    """Convert a number, or a text such as ``"7.6 kN/mm"``, to SI."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
     if not isinstance(value, str):
@@ -209,29 +146,7 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
 
 
 def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
-    """SI value of one `unit`, which must measure the same as another.
-
-    Parameters
-    ----------
-    unit : str
-        The unit that came.
-    like : str
-        One of the dimension that is wanted; empty for a pure number.
-    where : str
-        The key or argument, for the message.
-    came : str
-        The text that has the unit, if not the unit alone came.
-
-    Returns
-    -------
-    float
-        The factor; see `factor`.
-
-    Raises
-    ------
-    InputError
-        If it is unknown, or has another dimension.
-    """
+    """SI value of one `unit`, which must measure the same as another."""
     if not same_dimension(unit, like):
         said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
         allowed = f"a unit that measures the same as '{like}'" if like else "a plain number, without a unit"
@@ -248,37 +163,13 @@ def _mixed_up(unit: str, like: str) -> str:
 
 
 def check_power_of_length(unit: str, where: str) -> None:
-    """Refuse a unit that is no power of a length, as those of β and γ are, m⁻ⁿ.
-
-    Parameters
-    ----------
-    unit : str
-        Such as ``"1/mm"``.
-    where : str
-        The key or argument, for the message.
-
-    Raises
-    ------
-    InputError
-        If it is another unit.
-    """
+    """Refuse a unit that is no power of a length, as those of β and γ are, m⁻ⁿ."""
     if set(_si_quantity(unit).dimensionality) - {"[length]"}:
         raise InputError(where, f"'{unit}'", "a power of a length, such as '1/m'", "Correct the unit.")
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text is a number with a unit that is known.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"12 t"``.
-
-    Returns
-    -------
-    bool
-        False for any other text, and for a bare number.
-    """
+    """Whether a text is a number with a unit that is known."""
     match = _NUMBER.match(text)
     if match is None or not match.group(2):
         return False
@@ -290,18 +181,7 @@ def is_quantity(text: str) -> bool:
 
 
 def in_si(text: str) -> str:
-    """Say a quantity in SI.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``"12 t"``; see `is_quantity`.
-
-    Returns
-    -------
-    str
-        Such as ``"12000 kg"``.
-    """
+    """Say a quantity in SI."""
     match = _NUMBER.match(text)
     assert match is not None
     unit = si_unit(match.group(2)).replace("**", "^")
@@ -309,48 +189,15 @@ def in_si(text: str) -> str:
 
 
 def label(name: str, unit: str) -> str:
-    """Name and unit as axes and tables show them, ``"stiffness [kN/mm]"``.
-
-    Parameters
-    ----------
-    name, unit : str
-        The name and its unit; no brackets if the unit is empty.
-
-    Returns
-    -------
-    str
-        The label.
-    """
+    """Name and unit as axes and tables show them, ``"stiffness [kN/mm]"``."""
     return f"{name} [{unbracketed(unit)}]" if unit not in ("", "-", "1") else name
 
 
 def squared(unit: str) -> str:
-    """Give the unit of a variance.
-
-    Parameters
-    ----------
-    unit : str
-        Of the values, such as ``"m/s"``.
-
-    Returns
-    -------
-    str
-        Such as ``"(m/s)^2"``; empty for values without a unit.
-    """
+    """Give the unit of a variance."""
     return f"({unit})^2" if unit else ""
 
 
 def unbracketed(unit: str) -> str:
-    """Leave out brackets around a single unit.
-
-    Parameters
-    ----------
-    unit : str
-        Such as ``"(m)^2"``.
-
-    Returns
-    -------
-    str
-        Such as ``"m^2"``; ``"(m/s)^2"`` stays as it is.
-    """
+    """Leave out brackets around a single unit."""
     return re.sub(r"\((\w+)\)\^", r"\1^", unit)

@@ -50,28 +50,7 @@ INSTEAD_OF_A_NUMBER: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "") -> Any:
-    """Turn a number of NumPy or another library into Python's, and refuse everything else.
-
-    Parameters
-    ----------
-    where : str
-        Name of the argument.
-    value : Any
-        A Python number, a NumPy scalar, an array without dimensions, a `Fraction` or `Decimal`; None and traced values of JAX
-        pass as they are.
-    allowed, cure : str
-        What is allowed, and what to do, for the message.
-
-    Returns
-    -------
-    Any
-        A float, an int or a bool.
-
-    Raises
-    ------
-    InputError
-        If it is text, NaN, masked, complex, carries a unit, or is no number at all.
-    """
+    """Turn a number of NumPy or another library into Python's, and refuse everything else."""
     if value is None or isinstance(value, (bool, int)) or _is_jax(value):
         return value
     if isinstance(value, float):
@@ -95,27 +74,7 @@ def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "
 
 
 def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> np.ndarray:
-    """Turn an array-like into an array of real numbers, and refuse what would be lost on the way.
-
-    Parameters
-    ----------
-    where : str
-        Name of the argument.
-    value : array-like
-        Numbers: lists, NumPy's arrays, pandas' columns with missing values (which become NaN), arrays of other libraries.
-    allowed : str
-        What is allowed, for the message.
-
-    Returns
-    -------
-    ndarray of float64
-        In its shape.
-
-    Raises
-    ------
-    InputError
-        If values are masked, complex, text or other objects, or carry a unit, or rows differ in length.
-    """
+    """Turn an array-like into an array of real numbers, and refuse what would be lost on the way."""
     if masked := _masked_values(value):
         cure = "Fill them, or cut them out; a value that was not measured is no value."
         raise InputError(where, f"{masked} masked value{'s' if masked > 1 else ''}", f"{allowed}, none masked", cure)
@@ -144,20 +103,7 @@ def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> 
 
 
 def real_arrays(where: str, value: Any) -> Any:
-    """Check an argument that may be one array, or several in a sequence, and leave everything else as it is.
-
-    Parameters
-    ----------
-    where : str
-        Name of the argument.
-    value : Any
-        What came.
-
-    Returns
-    -------
-    Any
-        Arrays of other kinds as arrays of float64; plain arrays and everything else unchanged.
-    """
+    """Check an argument that may be one array, or several in a sequence, and leave everything else as it is."""
     if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "fiub":
         return value
     if isinstance(value, (list, tuple)):
@@ -173,18 +119,7 @@ def real_arrays(where: str, value: Any) -> Any:
 
 
 def unit_of(value: Any) -> str:
-    """Unit of a quantity of pint, astropy or unyt, whose numbers alone would be read as SI.
-
-    Parameters
-    ----------
-    value : Any
-        What came.
-
-    Returns
-    -------
-    str
-        The unit; empty for plain numbers.
-    """
+    """Unit of a quantity of pint, astropy or unyt, whose numbers alone would be read as SI."""
     for unit, number in (("units", "magnitude"), ("unit", "value"), ("units", "value")):
         if hasattr(value, unit) and hasattr(value, number) and not isinstance(value, type):
             return str(getattr(value, unit)) or "no unit"
@@ -192,18 +127,7 @@ def unit_of(value: Any) -> str:
 
 
 def in_words(value: Any) -> str:
-    """Say what came, with an article.
-
-    Parameters
-    ----------
-    value : Any
-        What came.
-
-    Returns
-    -------
-    str
-        Such as ``"the text 'a'"`` or ``"an array"``.
-    """
+    """Say what came, with an article."""
     if isinstance(value, str):
         return f"the text '{value}'"
     if isinstance(value, complex):
@@ -265,27 +189,7 @@ COORDINATES = ("chain", "draw", "ensemble")
 
 
 def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
-    """Refuse a name that some output cannot carry.
-
-    Parameters
-    ----------
-    where : str
-        What has the name, for the message.
-    name : Any
-        The name.
-    reserved : sequence of str
-        Names that stand for something else.
-
-    Returns
-    -------
-    str
-        The same name.
-
-    Raises
-    ------
-    InputError
-        If it is empty, no text, has a sign such as / or <, or is reserved.
-    """
+    """Refuse a name that some output cannot carry."""
     allowed = "a letter first, then letters, digits, _, ., + or -, such as 'stiffness_1'"
     if not isinstance(name, str) or not NAME.fullmatch(name):
         came = in_words(name) if not isinstance(name, str) else f"the name '{name}'" if name else "an empty name"
@@ -303,18 +207,7 @@ def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
 
 
 def check_arguments(what: T) -> T:
-    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence.
-
-    Parameters
-    ----------
-    what : callable
-        A function; or a class, whose ``__init__`` and public methods are wrapped.
-
-    Returns
-    -------
-    callable
-        The wrapped function, or the same class.
-    """
+    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence."""
     if not isinstance(what, type):
         return cast(T, _checked(what, what.__qualname__))
     setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
@@ -327,30 +220,14 @@ def check_arguments(what: T) -> T:
 
 
 class _Check(NamedTuple):
-    """What the value of one argument must be, from its annotation.
+    """What the value of one argument must be, from its annotation."""
 
-    Parameters
-    ----------
-    number : str
-        What is allowed where a number may come; empty where none may.
-    others : tuple of str
-        Names in `INSTEAD_OF_A_NUMBER` of what may come instead.
-    open : bool
-        Whether something may come that is not known here, text included.
-    array : bool
-        Whether an array of numbers may come.
-    kinds : tuple of str
-        Kinds of `KINDS`, of which it must be one; empty where it may be something else, too.
-    several : bool
-        Whether several of these may come.
-    """
-
-    number: str
-    others: tuple[str, ...]
-    open: bool
-    array: bool
-    kinds: tuple[str, ...]
-    several: bool
+    number: str  # What is allowed where a number may come; empty where none may
+    others: tuple[str, ...]  # Names in `INSTEAD_OF_A_NUMBER` of what may come instead
+    open: bool  # Whether something may come that is not known here, text included
+    array: bool  # Whether an array of numbers may come
+    kinds: tuple[str, ...]  # Kinds of `KINDS`, of which it must be one; empty where it may be something else, too
+    several: bool  # Whether several of these may come
 
     @classmethod
     def of(cls, annotation: str) -> _Check:

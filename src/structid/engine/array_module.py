@@ -10,16 +10,5 @@ from structid.engine.device import jnp
 
 
 def namespace(x: Any) -> Any:
-    """Return the module whose functions apply to an array.
-
-    Parameters
-    ----------
-    x : ndarray or jax.Array
-        The array.
-
-    Returns
-    -------
-    module
-        ``numpy`` or ``jax.numpy``.
-    """
+    """Return the module whose functions apply to an array."""
     return np if isinstance(x, (np.ndarray, np.generic, float, int)) else jnp

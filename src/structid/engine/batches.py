@@ -15,23 +15,6 @@ LARGEST_BATCH = 2000
 def in_batches(
     function: Callable[..., Any], rows: Float[np.ndarray, "run ..."], data: Any, size: int = LARGEST_BATCH
 ) -> tuple[np.ndarray, ...]:
-    """Call a compiled function of many runs on batches of them, and put the results together.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(rows, data)`` returns a tuple of arrays with a leading run axis.
-    rows : ndarray, shape (run, …)
-        One for each run.
-    data : tree of arrays
-        The same for all.
-    size : int
-        Largest number of runs in a batch.
-
-    Returns
-    -------
-    tuple of ndarray
-        Of all runs.
-    """
+    """Call a compiled function of many runs on batches of them, and put the results together."""
     parts = [function(rows[start : start + size], data) for start in range(0, len(rows), size)]
     return tuple(np.concatenate(column) for column in zip(*parts, strict=True))

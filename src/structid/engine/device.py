@@ -39,30 +39,12 @@ FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_p
 
 @functools.cache
 def mesh() -> Mesh:
-    """Every device of the default platform in a row, named ``runs``.
-
-    Returns
-    -------
-    jax.sharding.Mesh
-        A one-dimensional mesh.
-    """
+    """Every device of the default platform in a row, named ``runs``."""
     return Mesh(np.array(jax.devices()), ("runs",))
 
 
 def padded_size(runs: int) -> int:
-    """Round a number of runs up, so that few shapes are compiled and the devices share the batch equally.
-
-    Parameters
-    ----------
-    runs : int
-        How many there are.
-
-    Returns
-    -------
-    int
-        The next number that is a multiple of the devices and, beyond 16, of an eighth of the power of two below it:
-        16, 18, 20, … 32, 36, 40, … for two devices.
-    """
+    """Round a number of runs up, so that few shapes are compiled and the devices share the batch equally."""
     step = (
         2 ** max(math.floor(math.log2(max(runs, 1))) - 3, 0) if runs > 16 else 2 ** math.ceil(math.log2(max(runs, 1)))
     )
@@ -75,41 +57,12 @@ BATCH_SIZES = (16, 64, 256, 512)
 
 
 def few_sizes(runs: int) -> int:
-    """Round a number of runs up to one of `BATCH_SIZES`, or to a multiple of the largest.
-
-    Parameters
-    ----------
-    runs : int
-        How many there are.
-
-    Returns
-    -------
-    int
-        That many or more.
-    """
+    """Round a number of runs up to one of `BATCH_SIZES`, or to a multiple of the largest."""
     return next((size for size in BATCH_SIZES if runs <= size), -(-runs // BATCH_SIZES[-1]) * BATCH_SIZES[-1])
 
 
 def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
-    """Compile a function of arrays with a leading run axis, and share that axis out over the devices.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays, each run on its own; the constants
-        are the same for all runs.
-    run_axes : int or tree of int
-        Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
-    shard : bool
-        Whether to share it out. A loop over time keeps one core busy. Products of matrices use all cores by themselves, and two
-        devices would be in each other's way. A function that factorises matrices is never shared out: LAPACK, called by two
-        devices at once, waits for ever for threads that the other holds.
-
-    Returns
-    -------
-    callable
-        The same function, returning NumPy arrays, for any number of runs. It pads by repeating the last run.
-    """
+    """Compile a function of arrays with a leading run axis, and share that axis out over the devices."""
 
     def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
         if not shard or factorises(theta, constants):

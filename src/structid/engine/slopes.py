@@ -16,18 +16,6 @@ def with_slopes(function: Callable[[Any], Any], parameters: Float[Array, "run pa
     """Call a function of the parameters of many runs, and differentiate it along each of them; the value is computed once.
 
     Forward, since parameters are few and histories long.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(parameters)``: a tree of arrays, each run on its own.
-    parameters : array, shape (run, parameter)
-        Where.
-
-    Returns
-    -------
-    tuple of tree of arrays
-        What it returns, and its slopes, with the parameters first.
     """
 
     def along(direction: Any) -> tuple[Any, Any]:

@@ -19,68 +19,25 @@ State = Any
 
 
 class Fold(NamedTuple):
-    """What becomes of a history, sample by sample, where the history itself is not needed.
+    """What becomes of a history, sample by sample, where the history itself is not needed."""
 
-    Parameters
-    ----------
-    start : tree of arrays
-        Before the first sample.
-    step : callable
-        ``step(sums, sample) -> sums``.
-    value : callable
-        ``value(sums)``: what is wanted in the end.
-    """
-
-    start: Any
-    step: Callable[[Any, Any], Any]
-    value: Callable[[Any], Any]
+    start: Any  # Before the first sample
+    step: Callable[[Any, Any], Any]  # ``step(sums, sample) -> sums``
+    value: Callable[[Any], Any]  # ``value(sums)``: what is wanted in the end
 
     def of(self, series: Any) -> Any:
-        """Fold a history that is there.
-
-        Parameters
-        ----------
-        series : tree of arrays, shape (time, …)
-            Its samples.
-
-        Returns
-        -------
-        Any
-            The value.
-        """
+        """Fold a history that is there."""
         sums, _ = lax.scan(lambda sums, sample: (self.step(sums, sample), None), self.start, series)
         return self.value(sums)
 
 
 def sum_of_squares(nothing: Any) -> Fold:
-    """Fold samples into Σ x².
-
-    Parameters
-    ----------
-    nothing : array
-        Zeros in the shape of a sample.
-
-    Returns
-    -------
-    Fold
-        Of that shape.
-    """
+    """Fold samples into Σ x²."""
     return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
 
 
 def side_by_side(folds: Sequence[Fold]) -> Fold:
-    """Several folds of one history.
-
-    Parameters
-    ----------
-    folds : sequence of Fold
-        Each of samples of its own, which come as a tuple.
-
-    Returns
-    -------
-    Fold
-        With a tuple of their values.
-    """
+    """Several folds of one history."""
     return Fold(
         tuple(fold.start for fold in folds),
         lambda sums, samples: tuple(fold.step(s, x) for fold, s, x in zip(folds, sums, samples, strict=True)),
@@ -89,60 +46,25 @@ def side_by_side(folds: Sequence[Fold]) -> Fold:
 
 
 class TimeLoop(NamedTuple):
-    """A loop over the rows of a record, for many runs at once, inside JAX.
+    """A loop over the rows of a record, for many runs at once, inside JAX."""
 
-    Parameters
-    ----------
-    start : tree of arrays
-        State before the first row, runs last.
-    step : callable
-        ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run).
-    rows : tree of arrays, shape (time, …)
-        What every run takes alike.
-    lead_in : int
-        Number of rows at the beginning of which nothing is kept.
-    usable : callable
-        ``usable(state)``: which runs can be used, (run,), from the state after the last row.
-    unroll : int
-        Rows in one pass of the loop of XLA.
-    """
-
-    start: State
+    start: State  # State before the first row, runs last
+    # ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run)
     step: Callable[[State, Any], tuple[State, Any]]
-    rows: Any
-    lead_in: int
+    rows: Any  # What every run takes alike
+    lead_in: int  # Number of rows at the beginning of which nothing is kept
+    # ``usable(state)``: which runs can be used, (run,), from the state after the last row
     usable: Callable[[State], Any]
-    unroll: int = 1
+    unroll: int = 1  # Rows in one pass of the loop of XLA
 
     def run(self) -> tuple[Any, Any]:
-        """Run to histories.
-
-        Returns
-        -------
-        tuple of jax.Array
-            What is seen (time, channel, run), and which runs can be used (run,).
-        """
+        """Run to histories."""
         state, rows = self._led_in()
         state, seen = lax.scan(self.step, state, rows, unroll=self.unroll)
         return seen, self.usable(state)
 
     def folded(self, fold: Fold, beside: Any, make: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-        """Run, and fold what is seen on the way; no history is kept.
-
-        Parameters
-        ----------
-        fold : Fold
-            What becomes of the samples.
-        beside : array, shape (time, …)
-            What is put beside what is seen, such as a measurement.
-        make : callable
-            ``make(seen, beside)``: the sample that is folded.
-
-        Returns
-        -------
-        tuple
-            The value of the fold, and which runs can be used (run,).
-        """
+        """Run, and fold what is seen on the way; no history is kept."""
 
         def step(carried: tuple[State, Any], row: tuple[Any, Any]) -> tuple[tuple[State, Any], None]:
             state, seen = self.step(carried[0], row[0])
@@ -166,18 +88,6 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Arr
     """Differentiate a loop over time by its parameters, beside running it.
 
     With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
-
-    Parameters
-    ----------
-    loop_of : callable
-        The loop of some parameters.
-    parameters : array, shape (parameter, run)
-        Where it is differentiated.
-
-    Returns
-    -------
-    TimeLoop
-        What is seen is a pair: what the loop sees, (channel, run), and its derivatives, (parameter, channel, run).
     """
     loop, directions = loop_of(parameters), jnp.eye(parameters.shape[0])
     row = jax.tree.map(lambda x: x[0], loop.rows)
@@ -214,18 +124,6 @@ def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "ru
 
     A density may be differentiated along many more directions, such as those of the noise; the loop in the function does not
     depend on these, and its sensitivities serve all of them.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(parameters)``: a tree of arrays with the runs last. It may know nothing else that is differentiated.
-    parameters : array, shape (run, parameter)
-        Where.
-
-    Returns
-    -------
-    tree of arrays
-        What it returns.
     """
 
     def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
@@ -246,18 +144,7 @@ def _contracted(directions: Any, slopes: Any) -> Any:
 
 
 def all_finite(state: State) -> Bool[Array, " run"]:
-    """Which runs have a finite state.
-
-    Parameters
-    ----------
-    state : tree of arrays
-        Runs last.
-
-    Returns
-    -------
-    jax.Array of bool, shape (run,)
-        True where every part is.
-    """
+    """Which runs have a finite state."""
     parts = jax.tree.leaves(state)
     # A sum is finite only if all its parts are, and takes one test.
     return jnp.isfinite(sum(part.reshape(-1, part.shape[-1]).sum(axis=0) for part in parts))

@@ -28,24 +28,7 @@ def rounds(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the log weights of the fresh draws of every round, relative to their median.
-
-    Parameters
-    ----------
-    training : sequence of int
-        Number of runs to which the surrogate of each round was fitted.
-    log_weights : sequence of ndarray, shape (draw,)
-        log π_true/π_surrogate of each round; −∞ where a true run failed.
-    spread : float
-        Standard deviation of the log weights that a certificate allows.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel with a column for each round.
-    """
+    """Draw the log weights of the fresh draws of every round, relative to their median."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
@@ -81,29 +64,7 @@ def ranks(
     places: Float[np.ndarray, "replica parameter"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histograms of the rank of the truth among posterior draws, and how far their distribution is from the uniform one.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the parameters.
-    counts : ndarray, shape (parameter, bin)
-        Number of replicas in each bin.
-    replicas : int
-        Total number of replicas.
-    half, most : ndarray, shape (parameter,)
-        Fractions of the replicas whose 50 and 90 % intervals contain the truth.
-    places : ndarray, shape (replica, parameter)
-        The ranks, between 0 and 1.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels for each parameter. If the ranks are uniform, the grey band contains 99 % of the bins, and in 99 % of all figures
-        the whole of the line below, the empirical distribution function minus the uniform one.
-    """
+    """Draw histograms of the rank of the truth among posterior draws, and how far their distribution is from the uniform one."""
     bins = counts.shape[1]
     low, high = scipy.stats.binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
     largest = scipy.stats.kstwo.ppf(0.99, replicas)  # Kolmogorov and Smirnov
@@ -142,26 +103,7 @@ def ratios_over_parameters(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw by how much the model's density exceeds that of the draws, over each parameter.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (draw, parameter)
-        Where the model was run, in the units of the names.
-    log_ratios : ndarray, shape (draw,)
-        log π/q there; −∞ where a true run failed.
-    names : sequence of str
-        The parameters, with their units.
-    spread : float
-        Standard deviation that a certificate allows.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel for each parameter.
-    """
+    """Draw by how much the model's density exceeds that of the draws, over each parameter."""
     from matplotlib.figure import Figure
 
     across = min(len(names), 3)

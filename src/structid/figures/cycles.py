@@ -14,37 +14,13 @@ LARGE = 0.3
 
 
 def cycles(displacement: Float[np.ndarray, " time"]) -> list[slice]:
-    """Cut a history into cycles, each from one crossing of zero upwards to the next.
-
-    Parameters
-    ----------
-    displacement : ndarray, shape (time,)
-        The history.
-
-    Returns
-    -------
-    list of slice
-        In time order; none where it crosses zero upwards less than twice.
-    """
+    """Cut a history into cycles, each from one crossing of zero upwards to the next."""
     crossings = np.flatnonzero((displacement[:-1] < 0.0) & (displacement[1:] >= 0.0)) + 1
     return [slice(int(first), int(last) + 1) for first, last in itertools.pairwise(crossings)]
 
 
 def chosen_cycles(displacement: Float[np.ndarray, " time"], most: int = MOST) -> list[slice]:
-    """Choose the largest cycle of each of some parts of a history, from early to late.
-
-    Parameters
-    ----------
-    displacement : ndarray, shape (time,)
-        The history.
-    most : int
-        Parts: as many of the large cycles lie in each.
-
-    Returns
-    -------
-    list of slice
-        In time order, `most` at most.
-    """
+    """Choose the largest cycle of each of some parts of a history, from early to late."""
     found = cycles(displacement)
     sizes = np.array([np.ptp(displacement[cycle]) for cycle in found])
     large = np.flatnonzero(sizes >= LARGE * sizes.max(initial=0.0))

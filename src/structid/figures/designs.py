@@ -26,26 +26,7 @@ def samples(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw samples of a prior: a histogram of every parameter with its density, and every pair.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-        Names of the parameters and their units.
-    points : ndarray, shape (point, parameter)
-        In display units.
-    places, densities : ndarray, shape (place, parameter)
-        Places in display units, and the prior's densities there.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A triangle of panels.
-    """
+    """Draw samples of a prior: a histogram of every parameter with its density, and every pair."""
     count = len(names)
     figure, axes = canvas(count, count, height=min(7.4 / count, 3.0))
     texts = [label(pretty(name), pretty_unit(unit)) for name, unit in zip(names, units, strict=True)]

@@ -25,30 +25,7 @@ def curve(
     words: str,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a fragility.
-
-    Parameters
-    ----------
-    levels : ndarray, shape (level,)
-        Peak ground accelerations [m/s²].
-    of_each : ndarray, shape (record, level)
-        Probability of each record.
-    probability, error : ndarray, shape (level,)
-        Mean over the records and its standard error.
-    band : pair of ndarray, shape (level,)
-        Edges of what the data leave open.
-    fitted : tuple of ndarray, shape (point,)
-        Accelerations, the fitted curve there, and the edges of its band; NaN if there is none.
-    words : str
-        Formula of the fitted curve.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw a fragility."""
     figure, axes = canvas(1, 1, height=2.9)
     axis = axes[0, 0]
     for number, row in enumerate(of_each):

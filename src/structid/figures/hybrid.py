@@ -40,24 +40,7 @@ def loops_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw force against displacement, a panel for each test, all to one scale; the tests before are grey behind it.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        For each test its name, displacements and forces.
-    names, units : tuple of str
-        Of displacement and force.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Up to three panels in a row.
-    """
+    """Draw force against displacement, a panel for each test, all to one scale; the tests before are grey behind it."""
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     figure, axes = canvas(rows, columns, height=2.3, sharex=True, sharey=True)
@@ -86,28 +69,7 @@ def histories_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw displacements over simulated time, a panel for each test.
-
-    Parameters
-    ----------
-    curves : sequence of sequence of Curve
-        For each test the floors with times and displacements.
-    tests : sequence of str
-        Their names.
-    unit : str
-        Of the displacements.
-    ends : sequence of float or None
-        When a test ended before its time [s].
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel below the other.
-    """
+    """Draw displacements over simulated time, a panel for each test."""
     figure, axes = canvas(len(tests), 1, height=1.35, sharex=True)
     for axis, lines, test, end in zip(axes[:, 0], curves, tests, ends, strict=True):
         for (name, time, values), colour in zip(lines, CYCLE, strict=False):
@@ -131,30 +93,7 @@ def tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw how an actuator followed: the synchronisation subspace, the area in it, the energy error.
-
-    Parameters
-    ----------
-    plane : Curve
-        Name, targets and measured displacements.
-    time : ndarray, shape (move,)
-        Simulated time [s].
-    indicator : ndarray, shape (move,)
-        Area in the square of the unit; it grows while the actuator lags.
-    energy : ndarray, shape (move,)
-        Energy error [J].
-    unit : str
-        Of the displacements.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Three panels.
-    """
+    """Draw how an actuator followed: the synchronisation subspace, the area in it, the energy error."""
     figure, axes = canvas(1, 3, height=2.4)
     _tracking_panels(axes[0], plane, time, indicator, energy, unit)
     return finish(figure, title, save)
@@ -171,26 +110,7 @@ def loop_and_tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the loop of a specimen, and how its actuator followed.
-
-    Parameters
-    ----------
-    loop : Curve
-        Name, displacements and forces.
-    plane, time, indicator, energy
-        As for `tracking`.
-    units : tuple of str
-        Of displacements and forces.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Four panels.
-    """
+    """Draw the loop of a specimen, and how its actuator followed."""
     figure, axes = canvas(2, 2, height=2.4)
     first, *others = axes.ravel()
     first.plot(loop[1], loop[2], color=MEASURED, lw=0.8)
@@ -224,32 +144,7 @@ def predicted_test(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what was predicted of a later test, and what then happened.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        [s].
-    band : tuple of ndarray, shape (time,)
-        5 and 95 %.
-    happened : Curve
-        Name, times and displacements.
-    peaks : ndarray, shape (draw,)
-        Predicted largest displacements.
-    peak : float
-        That was measured.
-    unit : str
-        Of all displacements.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Histories, and the peak's distribution.
-    """
+    """Draw what was predicted of a later test, and what then happened."""
     figure, axes = canvas(1, 2, height=2.6, gridspec_kw={"width_ratios": [2.2, 1.0]})
     left, right = axes[0]
     left.plot(happened[1], happened[2], color=MEASURED, lw=0.9, label="happened")
@@ -281,28 +176,7 @@ def filtered_path(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what a filter believed from move to move, beside the posterior.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-        Of the parameters.
-    starts : sequence of tuple of str and int
-        Names of the tests, and their first moves.
-    path : tuple of ndarray, shape (move, parameter)
-        Mean, and both ends of the band of 95 %.
-    posterior : dict of str to tuple of float
-        Band of 95 % by parameter, where there is a posterior.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for each parameter.
-    """
+    """Draw what a filter believed from move to move, beside the posterior."""
     columns = 2 if len(names) > 1 else 1
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=1.7, sharex=True)

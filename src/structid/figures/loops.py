@@ -31,28 +31,7 @@ def loops(
     names: tuple[str, str] = ("measured", "identified"),
     draws: Sequence[Loop] = (),
 ) -> Figure:
-    """Draw hysteresis loops: all of them thin, and over them a few cycles from early to late, which tell how the structure changes.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    measured, model : pair of ndarray, shape (time,)
-        Displacement [mm] and force [kN]; None if no loop was measured.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-    names : pair of str
-        Titles of the two.
-    draws : sequence of pairs of ndarray
-        Loops of further draws, of which the same cycles are drawn thin.
-
-    Returns
-    -------
-    Figure
-        Measured, model, and the cycles of one over those of the other; or one panel without a measurement.
-    """
+    """Draw hysteresis loops: all cycles in thin lines, and a few from early to late on top."""
     together = [(names[1], model)] if measured is None else [(names[0], measured), (names[1], model)]
     shown = chosen_cycles(together[0][1][0])
     colours = _from_early_to_late(len(shown))
@@ -109,32 +88,7 @@ def identified(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a deterministic calibration: the largest cycle of the identified loops, and the histories around the peak.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    measured : ndarray, shape (time,)
-        The measured channel.
-    predictions : dict of str to ndarray, shape (time,)
-        The identified histories, by method.
-    true_loop : pair of ndarray, shape (time,), optional
-        Displacement [mm] and force [kN] of a virtual experiment.
-    loops_of : dict of str to pair of ndarray, shape (time,)
-        Identified loops, by method.
-    name, unit : str
-        Name and unit of the channel.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels.
-    """
+    """Draw a deterministic calibration: the largest cycle of the identified loops, and the histories around the peak."""
     figure, axes = canvas(1, 2, height=2.9, width_ratios=(2, 3))
     loop_panel, history = axes[0]
     largest = chosen_cycles(next(iter(loops_of.values()))[0] if true_loop is None else true_loop[0], most=1)
@@ -165,24 +119,7 @@ def loop_and_lines(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a loop and the straight lines fitted to it.
-
-    Parameters
-    ----------
-    displacement, force : ndarray, shape (time,)
-        The loop [mm], [kN].
-    lines : sequence of (ndarray, ndarray, str)
-        Displacements [mm], forces [kN] and label of each line.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw a loop and the straight lines fitted to it."""
     figure, axes = canvas(1, 1, height=3.2, width=4.8)
     axis = axes[0, 0]
     axis.plot(displacement, force, color=MUTED, lw=0.6)

@@ -30,28 +30,7 @@ def times(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the times of first passages against each parameter.
-
-    Parameters
-    ----------
-    points : ndarray, shape (run, parameter)
-        Parameters in display units.
-    names, units : sequence of str
-        Their names and units.
-    time : ndarray, shape (run,)
-        [s]; NaN for runs that did not pass.
-    end : float
-        End of the record [s].
-    title : str
-        Of the figure.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for each parameter. Runs without a passage are at its upper edge.
-    """
+    """Draw the times of first passages against each parameter."""
     columns = min(len(names), 4)
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=2.1, sharey=True)
@@ -81,26 +60,7 @@ def pairs(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw maps of the times of first passages over every pair of parameters.
-
-    Parameters
-    ----------
-    points : ndarray, shape (run, parameter)
-        Parameters in display units.
-    names, units : sequence of str
-        Their names and units.
-    time : ndarray, shape (run,)
-        [s]; NaN for runs that did not pass.
-    title : str
-        Of the figure.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for each pair.
-    """
+    """Draw maps of the times of first passages over every pair of parameters."""
     both = list(combinations(range(len(names)), 2))
     columns = min(len(both), 3)
     figure, axes = canvas(-(-len(both) // columns), columns, height=2.2)
@@ -131,32 +91,7 @@ def probability_map(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the probability of a passage over two parameters, and its mean along the first one beside the shares that were found.
-
-    Parameters
-    ----------
-    points : ndarray, shape (run, 2)
-        The two parameters in display units.
-    names, units : sequence of str
-        Their names and units.
-    passed : ndarray of bool, shape (run,)
-        Which runs passed.
-    predicted : ndarray, shape (run,)
-        Probability of each run.
-    probability : callable
-        Gives the probability for arrays of the two; the other parameters stay at their medians.
-    levels : sequence of float
-        Probabilities whose lines are drawn.
-    title : str
-        Of the figure.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A map and a curve.
-    """
+    """Draw the probability of a passage over two parameters, and its mean along the first one beside the shares that were found."""
     figure, axes = canvas(1, 2, height=2.9)
     some = _some(len(passed))
     axis, beside = axes[0]
@@ -191,22 +126,7 @@ def distributions(
     curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the probability of having passed by a time.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        [s].
-    curves : sequence of tuple
-        Label, probability and its standard error, each of shape (time,).
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw the probability of having passed by a time."""
     figure, axes = canvas(1, 1, height=2.6)
     axis = axes[0, 0]
     for number, (label, probability, error) in enumerate(curves):
@@ -227,22 +147,7 @@ def indices(
     groups: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw Sobol' indices as bars.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the parameters.
-    groups : sequence of tuple
-        For every quantity its name, first and total indices, and the half-widths of their intervals, each of shape (parameter,).
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for every quantity.
-    """
+    """Draw Sobol' indices as bars."""
     figure, axes = canvas(1, len(groups), height=2.5, sharey=True)
     place = np.arange(len(names))
     for axis, (label, first, total, first_error, total_error) in zip(axes[0], groups, strict=True):

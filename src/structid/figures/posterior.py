@@ -73,30 +73,7 @@ def marginals(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw prior samples and posterior marginals.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-        Names of the parameters and their units.
-    prior, posterior : ndarray, shape (draw, parameter)
-        Draws in display units.
-    supports : sequence of pair of float
-        Bounds in display units.
-    best : ndarray, shape (parameter,)
-        MAP estimate in display units.
-    truth : dict of str to float, optional
-        True values of a virtual experiment in display units.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        For each parameter one panel with the prior's range, and one with the posterior enlarged.
-    """
+    """Draw prior samples and posterior marginals."""
     truth = truth or {}
     figure, axes = canvas(len(names), 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -173,26 +150,7 @@ def pairs(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw every pair of parameters: density below the diagonal, correlation above it.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-        Names of the parameters and their units.
-    draws : ndarray, shape (draw, parameter)
-        Draws in display units.
-    best : ndarray, shape (parameter,)
-        MAP estimate in display units.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A square grid of panels.
-    """
+    """Draw every pair of parameters: density below the diagonal, correlation above it."""
     count = len(names)
     scales, units = _scales(units, draws)
     draws, best = draws / scales, best / scales
@@ -252,26 +210,7 @@ def traces(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw walkers and ensemble means over the steps.
-
-    Parameters
-    ----------
-    names, units : sequence of str
-        Names of the parameters and their units.
-    history : ndarray, shape (step, ensemble, walker, parameter)
-        All draws in display units.
-    discarded : int
-        Number of steps discarded at the start.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel for each parameter.
-    """
+    """Draw walkers and ensemble means over the steps."""
     scales, units = _scales(units, history.reshape(-1, len(names)))
     history = history / scales
     figure, axes = canvas(len(names), 1, height=1.35, sharex=True)
@@ -296,22 +235,7 @@ def traces(
 def acceptance(
     rates: Float[np.ndarray, "ensemble walker"], title: str = "", save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw the acceptance rate of every walker, or a histogram of the rates if there are very many walkers.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (ensemble, walker)
-        Acceptance rates.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw the acceptance rate of every walker, or a histogram of the rates if there are very many walkers."""
     figure, axes = canvas(1, 1, height=1.9)
     draw = _histogram_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
     draw(axes[0, 0], rates)
@@ -348,26 +272,7 @@ def identifiability(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw how much the data say about each combination of parameters.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the parameters.
-    eigenvalues : ndarray, shape (combination,)
-        Information in the data relative to the information in the prior, in decreasing order.
-    eigenvectors : ndarray, shape (parameter, combination)
-        The combinations, in prior standard deviations.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels.
-    """
+    """Draw how much the data say about each combination of parameters."""
     figure, axes = canvas(1, 2, height=2.6)
     index = np.arange(len(eigenvalues))
     shown = np.maximum(eigenvalues, 1e-6)

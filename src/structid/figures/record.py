@@ -26,26 +26,7 @@ def record(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a record, its Fourier amplitude and its response spectrum.
-
-    Parameters
-    ----------
-    time, acceleration : ndarray, shape (time,)
-        Times [s] and ground acceleration [m/s²].
-    frequency, amplitude : ndarray, shape (frequency,)
-        Frequencies [Hz] and Fourier amplitude [m/s].
-    period, pseudo_acceleration : ndarray, shape (period,)
-        Response spectrum: periods [s] and pseudo-acceleration [m/s²].
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Three panels.
-    """
+    """Draw a record, its Fourier amplitude and its response spectrum."""
     figure, top, (left, right_panel) = wide_top(height=2.3)
     top.plot(time, acceleration, color=ACCENT, lw=0.7)
     peak = int(np.argmax(np.abs(acceleration)))
@@ -82,28 +63,7 @@ def filter_tuning(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a record before and after a filter, in time and in frequency.
-
-    Parameters
-    ----------
-    time, raw : ndarray, shape (time,)
-        Record before the filter: times [s] and acceleration [m/s²].
-    raw_frequency, raw_amplitude : ndarray, shape (frequency,)
-        Spectrum before the filter: frequencies [Hz] and Fourier amplitude [m/s].
-    filtered_time, filtered : ndarray, shape (time,)
-        Record after the filter.
-    filtered_frequency, filtered_amplitude : ndarray, shape (frequency,)
-        Spectrum after the filter.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Three panels: record, the two seconds around the peak, Fourier amplitude.
-    """
+    """Draw a record before and after a filter, in time and in frequency."""
     figure, axes = canvas(3, 1, height=1.9)
     peak = time[int(np.argmax(np.abs(raw)))]
     for axis, span in ((axes[0, 0], (time[0], time[-1])), (axes[1, 0], (max(peak - 1.0, 0.0), peak + 1.0))):

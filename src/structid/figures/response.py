@@ -39,26 +39,7 @@ def histories(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histories, one below the other.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    columns : sequence of ndarray, shape (time,)
-        The histories, each in its unit.
-    names, units : sequence of str
-        Name and unit of each history.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel for each history.
-    """
+    """Draw histories, one below the other."""
     figure, axes = canvas(len(columns), 1, height=1.7, sharex=True)
     for axis, values, name, unit in zip(axes[:, 0], columns, names, units, strict=True):
         axis.plot(time, values, color=ACCENT, lw=0.8)
@@ -77,28 +58,7 @@ def measurement_on_record(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what drove the structure above what was measured: whether both begin together is seen before anything is sampled.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    excitation : tuple of ndarray, str, str
-        The signal, its name and its unit.
-    measured : sequence of tuple of ndarray, str, str
-        The same of each channel.
-    modelled : sequence of ndarray, shape (time,), optional
-        Response of the model at the priors' medians, in the same units.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for the excitation and one for each channel, over one axis of time, and the first fifth of it at a larger scale.
-    """
+    """Draw what drove the structure above what was measured: whether both begin together is seen before anything is sampled."""
     rows = [excitation, *measured]
     figure, axes = canvas(len(rows), 2, height=1.7, sharex="col", width_ratios=(2, 1))
     strong = np.cumsum((excitation[0] ** 2).reshape(len(time), -1).sum(axis=1))
@@ -130,26 +90,7 @@ def four_panels(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw displacement, velocity, the restoring-force loop and the absorbed energy.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    displacement, velocity, force : ndarray, shape (time,)
-        [mm], [mm/s], [kN].
-    hysteretic_energy, elastic_energy : ndarray, shape (time,)
-        [J].
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Four panels.
-    """
+    """Draw displacement, velocity, the restoring-force loop and the absorbed energy."""
     figure, axes = canvas(2, 2, height=2.5)
     axes[0, 0].plot(time, displacement, color=ACCENT, lw=0.8)
     name_axes(axes[0, 0], ("time", "s"), ("displacement", "mm"))
@@ -181,30 +122,6 @@ def bands(
     """Draw a measured history and the bands of its prediction: whole, around its peak, and with the prediction subtracted.
 
     The bands of a good fit are thinner than a line in the first panel. They can be read in the last one.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    measured : ndarray, shape (time,), optional
-        The measurement.
-    best : ndarray, shape (time,)
-        Prediction at the MAP estimate.
-    inner, outer : pair of ndarray, shape (time,)
-        Lower and upper edge of the 90 % bands: of the model's response, and with discrepancy.
-    name, unit : str
-        Name and unit of the channel.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-    reference : str
-        What `measured` is called: it may be the truth of a virtual experiment.
-
-    Returns
-    -------
-    Figure
-        Three panels.
     """
     figure, axes = canvas(3, 1, height=2.0)
     peak = time[int(np.argmax(np.abs(best if measured is None else measured)))]
@@ -240,28 +157,7 @@ def energy(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the energy absorbed by the spring.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    measured : ndarray, shape (time,), optional
-        True energy [J], known in a virtual experiment.
-    best : ndarray, shape (time,)
-        Energy at the MAP estimate [J].
-    band : pair of ndarray, shape (time,)
-        Lower and upper edge of the 90 % band [J].
-    title : str
-        Title.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw the energy absorbed by the spring."""
     figure, axes = canvas(1, 1, height=2.6)
     axis = axes[0, 0]
     axis.fill_between(time, *band, color=MODEL, alpha=0.35, lw=0, label="90 % of the model's response")
@@ -286,30 +182,7 @@ def side_by_side(
     reference: str = "measured",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw predictions of one measured history by several model classes: around its peak, and less the middle of the band.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    measured : ndarray, shape (time,), optional
-        The measurement.
-    inner, outer : sequence of pair of ndarray, shape (time,)
-        90 % bands of each class: of the model's response, and with discrepancy.
-    classes : sequence of str
-        Names of the classes.
-    name, unit : str
-        Name and unit of the channel.
-    reference : str
-        What `measured` is called: it may be the truth of a virtual experiment.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels for each class.
-    """
+    """Draw predictions of one measured history by several model classes: around its peak, and less the middle of the band."""
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     strongest = np.abs(outer[0]).max(axis=0) if measured is None else np.abs(measured)
     peak = time[int(np.argmax(strongest))]
@@ -342,26 +215,7 @@ def residuals(
     values: Float[np.ndarray, " time"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the checks of whether whitened residuals are white: autocorrelation, spectrum, quantiles.
-
-    Parameters
-    ----------
-    lags, autocorrelation : ndarray, shape (lag,)
-        Lags [s], and autocorrelation ρ.
-    bound : float
-        Residuals count as white where |ρ| is at most this.
-    frequency, spectrum : ndarray, shape (frequency,)
-        Frequencies [Hz], and power relative to that of white noise.
-    values : ndarray, shape (time,)
-        The whitened residuals.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Three panels.
-    """
+    """Draw the checks of whether whitened residuals are white: autocorrelation, spectrum, quantiles."""
     figure, axes = canvas(1, 3, height=2.4)
     left, middle, right = axes[0]
     left.axhspan(-bound, bound, color=MUTED, alpha=0.3, lw=0)

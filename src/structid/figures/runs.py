@@ -30,32 +30,7 @@ def overview(
     words: dict[int, str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw bands of the responses beside the design.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    values : ndarray, shape (run, time, channel)
-        Responses of the finished runs, in display units.
-    channels, units : tuple of str
-        Names and units of the channels.
-    theta : ndarray, shape (run, parameter)
-        All points, in display units.
-    names, parameter_units : tuple of str
-        Names and units of the parameters.
-    status : ndarray of int, shape (run,)
-        Status of each run; 0 is done.
-    words : dict of int to str
-        Name of each status.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Bands of the responses in the left column, the design in the right column.
-    """
+    """Draw bands of the responses beside the design."""
     rows = max(len(channels), 1)
     figure, axes = canvas(rows, 2, height=2.4 if rows > 1 else 2.9, width_ratios=(1.6, 1.0))
     for axis, channel, unit, histories in zip(axes[:, 0], channels, units, np.moveaxis(values, 2, 0), strict=True):

@@ -55,18 +55,7 @@ _RC = {
 
 
 def styled(draw: Drawing) -> Drawing:
-    """Draw in the style of structid, and leave the caller's matplotlib settings as they are.
-
-    Parameters
-    ----------
-    draw : callable
-        A function that makes a figure.
-
-    Returns
-    -------
-    callable
-        The same function, drawing in the style of structid.
-    """
+    """Draw in the style of structid, and leave the caller's matplotlib settings as they are."""
 
     @functools.wraps(draw)
     def wrapped(*args: Any, **settings: Any) -> Any:
@@ -79,24 +68,7 @@ def styled(draw: Drawing) -> Drawing:
 
 
 def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = WIDTH, **settings: Any) -> Any:
-    """Make a figure and its axes without changing pyplot's state.
-
-    Parameters
-    ----------
-    rows, columns : int
-        Size of the grid of axes.
-    height : float
-        Height of a row [inch].
-    width : float
-        Width of the figure [inch].
-    **settings
-        Arguments of `matplotlib.figure.Figure.subplots`.
-
-    Returns
-    -------
-    tuple of Figure and ndarray of Axes, shape (row, column)
-        An empty figure.
-    """
+    """Make a figure and its axes without changing pyplot's state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -107,20 +79,7 @@ def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = 
 
 
 def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
-    """Make a figure with one wide panel above two narrow ones.
-
-    Parameters
-    ----------
-    height : float
-        Height of a row [inch].
-    width : float
-        Width of the figure [inch].
-
-    Returns
-    -------
-    tuple of Figure, Axes and pair of Axes
-        The figure, the wide panel, and the two panels below it.
-    """
+    """Make a figure with one wide panel above two narrow ones."""
     figure, axes = canvas(1, 1, height=2 * height, width=width)
     axes[0, 0].remove()
     grid = figure.add_gridspec(2, 2)
@@ -128,20 +87,7 @@ def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
 
 
 def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
-    """Choose a power of ten that brings numbers close to one, so that no axis shows an offset factor.
-
-    Parameters
-    ----------
-    unit : str
-        Unit of the numbers.
-    draws : ndarray
-        The numbers.
-
-    Returns
-    -------
-    tuple of float and str
-        The divisor, and the unit with the power of ten in front of it.
-    """
+    """Choose a power of ten that brings numbers close to one, so that no axis shows an offset factor."""
     size = float(np.quantile(np.abs(draws), 0.9))
     power = int(np.floor(np.log10(size))) if size > 0 else 0
     if -3 <= power <= 4:
@@ -151,22 +97,7 @@ def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
 
 
 def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
-    """Set the title, and save as PNG and PDF.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    title : str
-        Title of the figure; empty for none.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        The same figure.
-    """
+    """Set the title, and save as PNG and PDF."""
     if title:
         figure.suptitle(title, fontsize=10.5)
     if save is not None:
@@ -181,18 +112,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
 
 
 def shown(draws: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, "2 ..."]:
-    """Range of draws that a panel shows: all but one in a thousand, and no more of a long tail than twice what 90 % span.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (draw, ...)
-        The draws.
-
-    Returns
-    -------
-    ndarray, shape (2, ...)
-        Lowest and highest.
-    """
+    """Range of draws that a panel shows: all but one in a thousand, and no more of a long tail than twice what 90 % span."""
     least, low, high, most = np.quantile(draws, [0.0005, 0.05, 0.95, 0.9995], axis=0)
     tail = LONGEST_TAIL * (high - low)
     return np.stack([np.maximum(least, low - tail), np.minimum(most, high + tail)])
@@ -201,22 +121,7 @@ def shown(draws: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, "2 ..."]:
 def density(
     draws: Float[np.ndarray, " draw"], points: Float[np.ndarray, " point"], low: float, high: float
 ) -> Float[np.ndarray, " point"]:
-    """Kernel density of draws, reflected at the bounds so that no mass lies beyond them.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (draw,)
-        The draws.
-    points : ndarray, shape (point,)
-        Points at which to evaluate it.
-    low, high : float
-        Bounds; infinite for none.
-
-    Returns
-    -------
-    ndarray, shape (point,)
-        The density.
-    """
+    """Kernel density of draws, reflected at the bounds so that no mass lies beyond them."""
     deviation = min(draws.std(), float(np.subtract(*np.quantile(draws, [0.75, 0.25]))) / 1.349 or np.inf)
     width = 1.06 * max(deviation, 1e-300) * draws.size**-0.2
     mirrored = [draws]
@@ -238,43 +143,18 @@ def density(
 
 
 def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
-    """Label both axes with names and units.
-
-    Parameters
-    ----------
-    axis : Axes
-        The axes.
-    x, y : pair of str
-        Name and unit.
-    """
+    """Label both axes with names and units."""
     axis.set_xlabel(label(*x))
     axis.set_ylabel(in_lines(label(*y)))
 
 
 def in_lines(text: str) -> str:
-    """Break a label that is longer than a low panel is high, so that those of neighbouring panels do not overlap.
-
-    Parameters
-    ----------
-    text : str
-        A label.
-
-    Returns
-    -------
-    str
-        The same in lines of at most `LABEL_WIDTH` signs, broken between words.
-    """
+    """Break a label that is longer than a low panel is high, so that those of neighbouring panels do not overlap."""
     return "\n".join(textwrap.wrap(text, LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)) or text
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where it spans less than two decades.
-
-    Parameters
-    ----------
-    axis : Axis
-        The x or y axis.
-    """
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where it spans less than two decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -289,18 +169,7 @@ def _plain(value: float, _: int | None = None) -> str:
 
 
 def pretty(name: str) -> str:
-    """Name of a parameter or channel as figures show it.
-
-    Parameters
-    ----------
-    name : str
-        Such as ``"gamma_ratio"``.
-
-    Returns
-    -------
-    str
-        Such as ``"γ*"``.
-    """
+    """Name of a parameter or channel as figures show it."""
     known = {
         "alpha": "α", "beta": "β", "gamma": "γ", "gamma_ratio": "γ*", "sigma2": "σ²", "delta_nu": "δν", "delta_eta": "δη",
         "delta_a": "δA", "damping_ratio": "ζ", "exponent": "n", "psi0": "ψ₀", "delta_psi": "δψ", "lambda_": "λ", "zeta0": "ζ₀",
@@ -315,32 +184,10 @@ def pretty(name: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Unit with superscript exponents.
-
-    Parameters
-    ----------
-    unit : str
-        Such as ``"(m/s)^2"``.
-
-    Returns
-    -------
-    str
-        Such as ``"(m/s)²"``, and ``"m²"`` for ``"(m)^2"``.
-    """
+    """Unit with superscript exponents."""
     return unbracketed(unit).replace("^2", "²").replace("^3", "³").replace("*", "·")
 
 
 def thin(count: int, most: int = 4000) -> slice:
-    """Choose a stride, so that at most about `most` points are drawn.
-
-    Parameters
-    ----------
-    count, most : int
-        Number of points, and the largest number to draw.
-
-    Returns
-    -------
-    slice
-        Index of the points to draw.
-    """
+    """Choose a stride, so that at most about `most` points are drawn."""
     return slice(None, None, max(1, count // most))

@@ -31,34 +31,7 @@ def validation(
     integrated: tuple[np.ndarray, np.ndarray] | None = None,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the best, the median and the worst history, peaks, samples, and the distribution of the errors.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    true, predicted : ndarray, shape (3, time)
-        Histories of the best, the median and the worst run.
-    shown_errors : ndarray, shape (3,)
-        Their errors.
-    peaks, predicted_peaks : ndarray, shape (run,)
-        Largest absolute values.
-    samples, predicted_samples : ndarray, shape (sample,)
-        A small selection of all samples.
-    errors : ndarray, shape (run,)
-        Relative errors of all runs; infinite where the surrogate diverged.
-    channel, unit : str
-        Name and unit of the channel.
-    integrated : tuple of ndarray, shape (time,), optional
-        Displacements of model and surrogate, integrated from the velocity of the worst run [mm].
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Three rows of histories above three panels.
-    """
+    """Draw the best, the median and the worst history, peaks, samples, and the distribution of the errors."""
     from matplotlib.figure import Figure
 
     histories = 3 if integrated is None else 4
@@ -121,24 +94,7 @@ def coefficients(
     names: tuple[str, ...],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the coefficients that a surrogate predicts against the coefficients fitted to each run alone.
-
-    Parameters
-    ----------
-    own : ndarray, shape (run, coefficient)
-        Coefficients fitted to each run.
-    predicted : ndarray, shape (run, coefficient)
-        Coefficients predicted by the surrogate.
-    names : tuple of str
-        Names of the terms to which the coefficients belong.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel for each coefficient.
-    """
+    """Draw the coefficients that a surrogate predicts against the coefficients fitted to each run alone."""
     from matplotlib.figure import Figure
 
     columns = 4

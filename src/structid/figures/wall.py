@@ -33,32 +33,7 @@ def mesh(
     words: str,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the blocks with their numbers, joints, beam, supports, loads and named points.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (block, 4, 2)
-        Of every block [m], counterclockwise from the lower left.
-    joints : ndarray, shape (joint, 2)
-        Places of the joints [m].
-    bars : ndarray, shape (bar, 2, 2)
-        Ends of the beam's bars [m].
-    fixed : ndarray, shape (node, 2)
-        Places that do not move [m].
-    loads : sequence of tuple of float
-        Place [m] and force [kN] of the vertical loads.
-    points : sequence of tuple
-        Names and places [m] of points that are recorded.
-    words : str
-        What is written below.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw the blocks with their numbers, joints, beam, supports, loads and named points."""
     figure, axes = canvas(1, 1, height=5.0, width=5.6)
     axis = axes[0, 0]
     _blocks(axis, corners)
@@ -99,32 +74,7 @@ def deformed(
     loop: tuple[np.ndarray, np.ndarray, Sequence[int]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the deformed wall at some instants, joints coloured by how far they are open, and the loop with these instants.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (block, 4, 2)
-        Of every block [m], counterclockwise from the lower left.
-    moved : sequence of ndarray, shape (block, 4, 2)
-        Displacements of the corners at every instant, times the scale [m].
-    faces : ndarray of int, shape (joint, 3)
-        For every joint the block on it, and the two corners of that face.
-    openings : sequence of ndarray, shape (joint,)
-        Of the joints at every instant [mm].
-    titles : sequence of str
-        Of the instants.
-    scale : float
-        What displacements were multiplied by.
-    loop : tuple
-        Drift [mm] and base shear [kN], of shape (time,), and the numbers of the instants among them.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for each instant, and one for the loop.
-    """
+    """Draw the deformed wall at some instants, joints coloured by how far they are open, and the loop with these instants."""
     from matplotlib.collections import LineCollection
 
     figure, (*axes, last) = _panels(len(moved) + 1)
@@ -166,24 +116,7 @@ def strain_maps(
     titles: Sequence[str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw maps of von Mises' strain on one scale.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (column,) and (row,)
-        Places of the grid [m].
-    maps : sequence of ndarray, shape (row − 1, column − 1)
-        The strain of every cell; NaN is left blank.
-    titles : sequence of str
-        Of the maps.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        A panel for each map.
-    """
+    """Draw maps of von Mises' strain on one scale."""
     figure, axes = _panels(len(maps))
     most = max(float(np.nanmax(m)) for m in maps) or 1.0
     drawn = None
@@ -234,20 +167,7 @@ def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDG
 def joint_law(
     curves: Sequence[Sequence[tuple[np.ndarray, np.ndarray, str]]], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw tractions of a joint against its opening and its slip.
-
-    Parameters
-    ----------
-    curves : sequence of sequence of (ndarray, ndarray, str)
-        For each panel jumps [mm], tractions [MPa] and label of every curve.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels.
-    """
+    """Draw tractions of a joint against its opening and its slip."""
     figure, axes = canvas(1, 2, height=2.6)
     names = (("opening", "normal traction"), ("slip", "tangential traction"))
     for axis, panel, (jump, traction) in zip(axes[0], curves, names, strict=True):

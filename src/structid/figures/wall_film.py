@@ -25,30 +25,7 @@ def animation(
     scale: float,
     per_second: int,
 ) -> Path:
-    """Write a film.
-
-    Parameters
-    ----------
-    path : Path
-        A GIF or an MP4.
-    corners : ndarray, shape (block, 4, 2)
-        Of every block [m].
-    moved : ndarray, shape (frame, block, 4, 2)
-        Displacements of the corners, times the scale [m].
-    time, drift : ndarray, shape (time,)
-        [s] and [mm].
-    instants : ndarray of int, shape (frame,)
-        Number of the sample of every frame.
-    scale : float
-        What displacements were multiplied by.
-    per_second : int
-        Frames a second.
-
-    Returns
-    -------
-    Path
-        The file.
-    """
+    """Write a film."""
     from matplotlib.animation import FuncAnimation
     from matplotlib.collections import PolyCollection
 

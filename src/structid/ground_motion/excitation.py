@@ -17,27 +17,7 @@ from structid.core.validation import check_arguments
 
 
 def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, float]:
-    """Check a signal and make it read-only: one dimension, finite, at least two samples, a positive step.
-
-    Parameters
-    ----------
-    where : str
-        Name of the argument, for the message.
-    values : array-like, shape (time,)
-        The samples.
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    tuple of ndarray and float
-        A read-only copy and the step.
-
-    Raises
-    ------
-    InputError
-        If any of these conditions does not hold.
-    """
+    """Check a signal and make it read-only: one dimension, finite, at least two samples, a positive step."""
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1 or array.size < 2:
         raise InputError(where, f"an array of shape {array.shape}", "one dimension with two samples or more")
@@ -57,28 +37,17 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A signal at a constant step; its subclass says how it acts on a model.
+    """A signal at a constant step; its subclass says how it acts on a model."""
 
-    Parameters
-    ----------
-    values : array-like, shape (time,)
-        The samples in SI.
-    dt : float
-        Time step [s].
-    name : str
-        Name of the signal.
-    interpolation : {"linear", "smooth", "periodic"}
-        Between samples: straight lines, a cubic spline, or the Fourier series of the samples taken as one period. Straight lines
-        lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose 0.8 %, a spline
-        0.0014 %. Records of ground motion are straight lines by convention.
-    lead_in_periods : int
-        With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady state.
-    """
-
-    values: np.ndarray
-    dt: float
-    name: str = ""
+    values: np.ndarray  # The samples in SI
+    dt: float  # Time step [s]
+    name: str = ""  # Name of the signal
+    # Between samples: straight lines, a cubic spline, or the Fourier series of the samples taken as one period.
+    # Straight lines lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose
+    # 0.8 %, a spline 0.0014 %. Records of ground motion are straight lines by convention
     interpolation: str = "linear"
+    # With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady
+    # state
     lead_in_periods: int = 0
 
     kind: ClassVar[str] = "excitation"
@@ -124,31 +93,14 @@ class Excitation:
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe everything but the samples, ready for JSON.
-
-        Returns
-        -------
-        dict
-            Kind, step, name, interpolation and lead-in.
-        """
+        """Describe everything but the samples, ready for JSON."""
         return {
             "kind": self.kind, "dt": self.dt, "name": self.name,
             "interpolation": self.interpolation, "lead_in_periods": self.lead_in_periods,
         }  # fmt: skip
 
     def stage_values(self, substeps: int) -> np.ndarray:
-        """Signal at the start, middle and end of every integration step.
-
-        Parameters
-        ----------
-        substeps : int
-            Integration steps per sample.
-
-        Returns
-        -------
-        ndarray, shape (time − 1 + lead-in samples, substeps, 3)
-            The values that the Runge–Kutta steps need, in order.
-        """
+        """Signal at the start, middle and end of every integration step."""
         samples = self.values.size
         if self.interpolation == "periodic":
             fine = scipy.signal.resample(self.values, samples * 2 * substeps)
@@ -166,23 +118,7 @@ class Excitation:
 
     @check_arguments
     def values_at(self, times: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-        """Signal at any times within its duration.
-
-        Parameters
-        ----------
-        times : ndarray, shape (time,)
-            [s], from 0 to `duration`.
-
-        Returns
-        -------
-        ndarray, shape (time,)
-            In SI, with the interpolation of the signal.
-
-        Raises
-        ------
-        InputError
-            If the signal has ended before, or is periodic.
-        """
+        """Signal at any times within its duration."""
         if self.interpolation == "periodic":
             raise InputError(
                 f"{type(self).__name__} '{self.name}'", "a periodic signal", "linear or smooth interpolation"
@@ -347,20 +283,7 @@ class CombinedExcitation(Excitation):
 
 
 def check_one_signal(where: str, excitation: Excitation) -> None:
-    """Reject an excitation of several signals.
-
-    Parameters
-    ----------
-    where : str
-        Name of the model, for the message.
-    excitation : Excitation
-        The excitation of the model.
-
-    Raises
-    ------
-    InputError
-        If it is a `CombinedExcitation`.
-    """
+    """Reject an excitation of several signals."""
     if isinstance(excitation, CombinedExcitation):
         raise InputError(
             where, f"{len(excitation.parts)} signals at once", "one GroundMotion, ForceHistory or DisplacementHistory",
@@ -369,20 +292,7 @@ def check_one_signal(where: str, excitation: Excitation) -> None:
 
 
 def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
-    """Check that all records have the same number of signals.
-
-    Parameters
-    ----------
-    where : str
-        Name of the argument, for the message.
-    records : sequence of Excitation
-        The records.
-
-    Raises
-    ------
-    InputError
-        If the numbers differ.
-    """
+    """Check that all records have the same number of signals."""
     counts = sorted({1 if r.values.ndim == 1 else r.values.shape[1] for r in records})
     if len(counts) > 1:
         came = f"records of {' and '.join(map(str, counts))} signals"
@@ -390,18 +300,7 @@ def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
 
 
 def padded_values(records: Sequence[Excitation]) -> Float[np.ndarray, "record time *motion"]:
-    """Samples of several records in one array, with NaN after the end of a shorter record.
-
-    Parameters
-    ----------
-    records : sequence of Excitation
-        Records with the same number of signals.
-
-    Returns
-    -------
-    ndarray, shape (record, time) or (record, time, part)
-        The samples in SI.
-    """
+    """Samples of several records in one array, with NaN after the end of a shorter record."""
     table = np.full((len(records), max(map(len, records)), *records[0].values.shape[1:]), np.nan)
     for row, record in zip(table, records, strict=True):
         row[: len(record)] = record.values

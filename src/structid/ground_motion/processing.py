@@ -35,60 +35,19 @@ DRIFT = 0.01
 
 
 def check_samples(where: str, samples: float) -> None:
-    """Refuse a signal of more samples than anybody can mean.
-
-    Parameters
-    ----------
-    where : str
-        The argument, for the message.
-    samples : float
-        How many there would be.
-
-    Raises
-    ------
-    InputError
-        If there are more than `MOST_SAMPLES`.
-    """
+    """Refuse a signal of more samples than anybody can mean."""
     if not samples <= MOST_SAMPLES:
         raise InputError(where, f"a signal of {samples:.3g} samples", f"{MOST_SAMPLES:,} samples or fewer")
 
 
 def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") -> Float[np.ndarray, " time"]:
-    """Subtract the mean or the least-squares line.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (time,)
-        The samples.
-    kind : {"constant", "linear"}
-        What to subtract.
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        The corrected signal.
-    """
+    """Subtract the mean or the least-squares line."""
     corrected: np.ndarray = scipy.signal.detrend(signal, type=check_choice("baseline", kind, ("constant", "linear")))
     return corrected
 
 
 def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
-    """Smallest digital Butterworth order that attenuates by 3 dB at the passband edge and 8 dB at the stopband edge.
-
-    Parameters
-    ----------
-    edge : float
-        Passband edge [Hz].
-    dt : float
-        Time step [s].
-    stop : float, optional
-        Stopband edge [Hz]; 1.25 × `edge` by default.
-
-    Returns
-    -------
-    int
-        The order; 3 for 20 and 25 Hz at 0.01 s.
-    """
+    """Smallest digital Butterworth order that attenuates by 3 dB at the passband edge and 8 dB at the stopband edge."""
     stop = STOPBAND_RATIO * edge if stop is None else stop
     nyquist = 0.5 / dt
     if not 0 < edge < nyquist:
@@ -100,26 +59,7 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
 def butterworth(
     signal: Float[np.ndarray, " time"], dt: float, edges: float | tuple[float, float], band: str, order: int
 ) -> Float[np.ndarray, " time"]:
-    """Filter forward and backward: no phase shift, and twice the attenuation (6 dB at the edge).
-
-    Parameters
-    ----------
-    signal : ndarray, shape (time,)
-        The samples.
-    dt : float
-        Time step [s].
-    edges : float or pair of float
-        Edge or edges of the passband [Hz].
-    band : {"lowpass", "highpass", "bandpass"}
-        The frequencies that pass.
-    order : int
-        Order of one pass.
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        The filtered signal.
-    """
+    """Filter forward and backward: no phase shift, and twice the attenuation (6 dB at the edge)."""
     nyquist = 0.5 / dt
     pair = np.atleast_1d(edges)
     if not (np.all(pair > 0) and np.all(pair < nyquist) and np.all(np.diff(pair) > 0)):
@@ -163,19 +103,6 @@ def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Fl
     """Resample with a polyphase anti-aliasing filter.
 
     The signal goes on beyond its ends with its last slope (odd reflection), so that a constant stays constant.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (time,)
-        The samples.
-    dt, new_dt : float
-        Present and new step [s]; their ratio must be a fraction of whole numbers up to 1000, as far as the digits of the steps
-        can be trusted: a step read from rounded times may be off by 1 % of a sample at the signal's end.
-
-    Returns
-    -------
-    ndarray, shape (new time,)
-        The resampled signal, from the first sample to the last one that is not after the end.
     """
     if not new_dt > 0:
         raise InputError("resample: dt", f"{new_dt:g} s", "a positive step")
@@ -211,19 +138,6 @@ def _resampling_kernel(up: int, down: int) -> np.ndarray:
 
 
 def integrate(signal: Float[np.ndarray, "... time"], dt: float) -> Float[np.ndarray, "... time"]:
-    """Integrate over time by the trapezoidal rule, from zero.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (..., time)
-        The samples.
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    ndarray, shape (..., time)
-        The integral.
-    """
+    """Integrate over time by the trapezoidal rule, from zero."""
     integral: np.ndarray = scipy.integrate.cumulative_trapezoid(signal, dx=dt, initial=0.0, axis=-1)
     return integral

@@ -43,29 +43,7 @@ _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+
 def read_acceleration(
     path: str | os.PathLike[str], dt: float | None = None, unit: str | None = None, column: int | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read a ground acceleration from a PEER ``.AT2`` file, an ESM ASCII file, or a text file with columns.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; the extension ``.at2`` marks a PEER file.
-    dt : float, optional
-        Time step [s] of a text file without a time column. That of another file is in its header, and must be the same.
-    unit : str, optional
-        Unit of the values. Needed for a text file; that of another file is in its header, and must be the same.
-    column : int, optional
-        Column of the values in a text file, counted from 0.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Acceleration [m/s²] and time step [s].
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read as such a record, or a text file comes without a unit.
-    """
+    """Read a ground acceleration from a PEER ``.AT2`` file, an ESM ASCII file, or a text file with columns."""
     if Path(path).suffix.lower() == ".at2":
         return read_peer(path, unit, dt)
     first = "\n".join(lines_of(path)[:40])
@@ -91,21 +69,11 @@ def read_acceleration(
 
 
 class Columns(NamedTuple):
-    """Columns of a text file, sampled at a constant step.
+    """Columns of a text file, sampled at a constant step."""
 
-    Parameters
-    ----------
-    start : float
-        Time of the first line [s]; 0 in a file without times.
-    dt : float
-        Time step [s].
-    values : ndarray, shape (time, column)
-        The columns that were asked for, in SI.
-    """
-
-    start: float
-    dt: float
-    values: Float[np.ndarray, "time column"]
+    start: float  # Time of the first line [s]; 0 in a file without times
+    dt: float  # Time step [s]
+    values: Float[np.ndarray, "time column"]  # The columns that were asked for, in SI
 
 
 def read_columns(
@@ -116,33 +84,7 @@ def read_columns(
     si_unit: str | None = None,
     others: Sequence[int] = (),
 ) -> Columns:
-    """Read a signal from text columns: time and value, or values alone with a given time step.
-
-    Parameters
-    ----------
-    path : path-like
-        Text or CSV. Lines that start with ``#`` or ``%`` are skipped, and so are header lines before the first numbers.
-    unit : str
-        Unit of the values, such as ``"g"`` or ``"mm/s"``.
-    dt : float, optional
-        Time step [s]; without it, the first column is the time [s].
-    column : int, optional
-        Column of the values, counted from 0; by default the second where there is a time column, else the first.
-    si_unit : str, optional
-        SI unit with the dimension that `unit` must have, such as ``"m/s^2"``.
-    others : sequence of int
-        Further columns in the same unit.
-
-    Returns
-    -------
-    Columns
-        Start, time step, and the values in SI.
-
-    Raises
-    ------
-    InputError
-        If the file is empty, a value is not a number, or the step of the time column is not constant.
-    """
+    """Read a signal from text columns: time and value, or values alone with a given time step."""
     table, numbers, titles, stamp = _table(path)
     if stamp and dt is None:
         raise InputError(

@@ -36,28 +36,7 @@ UNITS = {
 def read_peer(
     path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read a PEER ``.AT2`` file: a header of up to eight lines with the count, the step, the quantity and its unit, then values.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    unit : str, optional
-        Unit of the values, where the header says none, or the same one; g where nobody says any.
-    dt : float, optional
-        Time step [s], which must be that of the header.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Acceleration [m/s²] and time step [s].
-
-    Raises
-    ------
-    InputError
-        If the file is empty, has no such header, is no acceleration, has another unit than is given or one that is not known,
-        holds a value that is not a number, or a different number of values than its header gives.
-    """
+    """Read a PEER ``.AT2`` file: a header of up to eight lines with the count, the step, the quantity and its unit, then values."""
     lines = lines_of(path)
     count, step, last = _count_and_step(path, lines)
     _check_step(f"{path}, line {last + 1}", step, dt)
@@ -163,27 +142,7 @@ def _repaired(line: str) -> str:
 def read_esm(
     path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read an ESM ASCII file: lines ``KEY: value``, then one value a line.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    unit : str, optional
-        Unit of the values, to be checked against that of the header.
-    dt : float, optional
-        Time step [s], to be checked as well.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Acceleration [m/s²] and time step [s].
-
-    Raises
-    ------
-    InputError
-        If it is no acceleration, or header and values do not fit together.
-    """
+    """Read an ESM ASCII file: lines ``KEY: value``, then one value a line."""
     lines = lines_of(path)
     keys = {key.strip(): value.strip() for key, colon, value in (line.partition(":") for line in lines) if colon}
     last = max(number for number, line in enumerate(lines) if ":" in line)
@@ -211,23 +170,7 @@ def read_esm(
 
 
 def lines_of(path: str | os.PathLike[str]) -> list[str]:
-    """Read the lines of a text file, whatever they end with.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    list of str
-        Not all empty.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or nothing in it.
-    """
+    """Read the lines of a text file, whatever they end with."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
@@ -242,27 +185,7 @@ def lines_of(path: str | os.PathLike[str]) -> list[str]:
 
 
 def numbers_of(path: str | os.PathLike[str], lines: list[str], first_line: int) -> np.ndarray:
-    """Read all numbers of some lines.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, for messages.
-    lines : list of str
-        Its lines.
-    first_line : int
-        Number of the first of them.
-
-    Returns
-    -------
-    ndarray
-        One after the other.
-
-    Raises
-    ------
-    InputError
-        If a word is no number, or not finite; it names the line.
-    """
+    """Read all numbers of some lines."""
     values: list[float] = []
     for number, line in enumerate(lines, start=first_line):
         for word in line.split():

@@ -29,60 +29,19 @@ class ResponseSpectrum(NamedTuple):
 
 
 def fourier_amplitude(signal: Float[np.ndarray, " time"], dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fourier amplitude spectrum, |Σ x exp(−iωt)| dt.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (time,)
-        The samples.
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    tuple of ndarray, shape (frequency,)
-        Frequency [Hz] and amplitude [signal unit · s].
-    """
+    """Fourier amplitude spectrum, |Σ x exp(−iωt)| dt."""
     return np.fft.rfftfreq(signal.size, dt), np.abs(np.fft.rfft(signal)) * dt
 
 
 def arias_history(acceleration: Float[np.ndarray, " time"], dt: float) -> Float[np.ndarray, " time"]:
-    """Arias intensity up to each sample, π/(2g) ∫ a² dt.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (time,)
-        Ground acceleration [m/s²].
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Arias intensity [m/s].
-    """
+    """Arias intensity up to each sample, π/(2g) ∫ a² dt."""
     return np.pi / (2.0 * STANDARD_GRAVITY) * integrate(acceleration**2, dt)
 
 
 def significant_duration(
     acceleration: Float[np.ndarray, " time"], dt: float, start: float = 0.05, end: float = 0.95
 ) -> float:
-    """Time between two fractions of the Arias intensity.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (time,)
-        Ground acceleration [m/s²].
-    dt : float
-        Time step [s].
-    start, end : float
-        The fractions; D5-95 by default.
-
-    Returns
-    -------
-    float
-        Duration [s].
-    """
+    """Time between two fractions of the Arias intensity."""
     history = arias_history(acceleration, dt)
     times = np.interp(np.array([start, end]) * history[-1], history, np.arange(history.size) * dt)
     return float(times[1] - times[0])
@@ -95,22 +54,6 @@ def oscillator_displacement(
 
     The recurrence of Nigam & Jennings (1969, Bull. Seism. Soc. Am. 59, 909) for u″ + 2ζω u′ + ω² u = −a_g. It runs at
     the step dt/⌈10 dt/T⌉, so that the peaks of stiff oscillators between samples are not missed.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (time,)
-        Ground acceleration [m/s²].
-    dt : float
-        Time step [s].
-    period : float
-        Undamped period T [s].
-    damping_ratio : float
-        Damping ratio ζ, fraction of critical damping.
-
-    Returns
-    -------
-    ndarray, shape (fine time,)
-        Displacement [m] at the fine step.
     """
     refinement = int(np.ceil(10.0 * dt / period))
     fine = np.interp(
@@ -146,24 +89,7 @@ def response_spectrum(
     periods: Float[np.ndarray, " period"] | None = None,
     damping_ratio: float = 0.05,
 ) -> ResponseSpectrum:
-    """Peak displacement, pseudo-velocity and pseudo-acceleration of linear oscillators.
-
-    Parameters
-    ----------
-    acceleration : ndarray, shape (time,)
-        Ground acceleration [m/s²].
-    dt : float
-        Time step [s].
-    periods : ndarray, shape (period,), optional
-        Periods [s]; by default 120 from 0.02 to 10 s.
-    damping_ratio : float
-        Fraction of critical damping.
-
-    Returns
-    -------
-    ResponseSpectrum
-        Arrays of shape (period,).
-    """
+    """Peak displacement, pseudo-velocity and pseudo-acceleration of linear oscillators."""
     periods = np.asarray(DEFAULT_PERIODS if periods is None else periods, dtype=np.float64)
     if periods.ndim != 1 or not periods.size:
         raise InputError("periods", f"an array of shape {periods.shape}", "one or more periods in one dimension")
@@ -182,20 +108,7 @@ def response_spectrum(
 
 
 def rotd(first: Float[np.ndarray, " time"], second: Float[np.ndarray, " time"], percentile: float = 50.0) -> float:
-    """Percentile, over all directions, of the peak of two horizontal components (Boore 2010, RotD50).
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (time,)
-        The two components at the same times.
-    percentile : float
-        50 for RotD50, 100 for the largest direction.
-
-    Returns
-    -------
-    float
-        The percentile, in the unit of the components.
-    """
+    """Percentile, over all directions, of the peak of two horizontal components (Boore 2010, RotD50)."""
     angles = np.deg2rad(np.arange(180))
     # The peak over time in any direction is at a vertex of the orbit's convex hull, which has few points.
     points = np.column_stack([first, second])
@@ -214,24 +127,7 @@ def rotd_spectrum(
     periods: Float[np.ndarray, " period"],
     damping_ratio: float = 0.05,
 ) -> Float[np.ndarray, " period"]:
-    """RotD50 pseudo-acceleration spectrum of two horizontal components.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (time,)
-        Ground acceleration [m/s²]; the longer one is cut to the length of the shorter.
-    dt : float
-        Time step [s].
-    periods : ndarray, shape (period,)
-        Periods [s].
-    damping_ratio : float
-        Fraction of critical damping.
-
-    Returns
-    -------
-    ndarray, shape (period,)
-        Pseudo-acceleration [m/s²].
-    """
+    """RotD50 pseudo-acceleration spectrum of two horizontal components."""
     samples = min(first.size, second.size)
     spectrum = []
     for period in periods:

@@ -27,22 +27,6 @@ def modulating_function(
 
     q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃. So the times of 5, 45 and 95 % of the Arias
     intensity are quantiles of that density.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        Times [s].
-    arias : float
-        Expected Arias intensity [m/s].
-    duration : float
-        Significant duration D5-95 [s].
-    middle : float
-        Time of the middle of strong shaking, 45 % of the Arias intensity [s].
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Standard deviation of the motion [m/s²].
     """
 
     def ratio(log_shape: float) -> float:
@@ -70,24 +54,6 @@ def filtered_noise(
     """White noise through a filter whose frequency changes with time, scaled to unit variance.
 
     x(t) = Σ_i h(t − t_i; ω_i) w_i / σ_h(t),  h(τ; ω) = ω/√(1−ζ²) exp(−ζωτ) sin(ω√(1−ζ²) τ)
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Random-number generator of the noise.
-    samples : int
-        Number of samples.
-    dt : float
-        Time step [s].
-    frequency : ndarray, shape (time,)
-        Filter frequency at each pulse [Hz].
-    damping_ratio : float
-        Damping ratio ζ of the filter, which sets its bandwidth.
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        The filtered noise.
     """
     noise = rng.standard_normal(samples)
     omega = 2.0 * np.pi * frequency
@@ -118,28 +84,7 @@ def stochastic_acceleration(
     frequency_slope: float,
     damping_ratio: float,
 ) -> Float[np.ndarray, " time"]:
-    """One realisation of the stochastic ground acceleration.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the white noise.
-    samples : int
-        Number of samples.
-    dt : float
-        Time step [s].
-    arias, duration, middle : float
-        Arias intensity [m/s], D5-95 [s] and middle of strong shaking [s].
-    frequency, frequency_slope : float
-        Filter frequency at the middle [Hz] and its rate of change [Hz/s]; the frequency stays above 0.3 Hz.
-    damping_ratio : float
-        Damping ratio of the filter, which sets its bandwidth.
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Ground acceleration [m/s²], read-only.
-    """
+    """One realisation of the stochastic ground acceleration."""
     if seed < 0 or samples < 2 or not min(dt, arias, duration, middle, frequency) > 0 or not 0 < damping_ratio < 1:
         raise InputError(
             "synthetic record",

@@ -35,39 +35,22 @@ SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
 
 @dataclass(frozen=True)
 class Feasibility:
-    """What is known of a test before it starts.
+    """What is known of a test before it starts."""
 
-    Parameters
-    ----------
-    critical_delay : float
-        λ τ_c [s] of wall time; infinite where every delay is borne.
-    delay : float
-        Of the transfer system, as the specimen tells it [s].
-    damping : tuple of float
-        Damping ratio of every mode of the structure with that delay and the compensation.
-    spurious_damping : float
-        Least damping ratio, most often negative, that the coupling adds to a mode of a softened specimen.
-    stroke, velocity, force : tuple of float
-        Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run.
-    wall_time : float
-        How long it will take [s].
-    steps : int
-        Coarse steps.
-    refusals, warnings : tuple of str
-        Why it cannot work; what one should know.
-    """
-
-    critical_delay: float
-    delay: float
-    damping: tuple[float, ...]
+    critical_delay: float  # λ τ_c [s] of wall time; infinite where every delay is borne
+    delay: float  # Of the transfer system, as the specimen tells it [s]
+    damping: tuple[float, ...]  # Damping ratio of every mode of the structure with that delay and the compensation
+    # Least damping ratio, most often negative, that the coupling adds to a mode of a softened specimen
     spurious_damping: float
+    # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
     stroke: tuple[float, ...]
+    # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
     velocity: tuple[float, ...]
-    force: tuple[float, ...]
-    wall_time: float
-    steps: int
-    refusals: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    force: tuple[float, ...]  # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
+    wall_time: float  # How long it will take [s]
+    steps: int  # Coarse steps
+    refusals: tuple[str, ...] = ()  # Why it cannot work; what one should know
+    warnings: tuple[str, ...] = ()  # Why it cannot work; what one should know
 
     @property
     def can_work(self) -> bool:
@@ -93,49 +76,23 @@ class Feasibility:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a test is going to do, as far as it must be judged.
+    """What a test is going to do, as far as it must be judged."""
 
-    Parameters
-    ----------
-    joined : Joined
-        Both parts, the physical one with what it is expected to answer.
-    description : SpecimenDescription
-        What the specimen says of itself.
-    geometry : ndarray, shape (channel, dof)
-        B.
-    motion : Motion
-        Of the specimen.
-    compensation : Compensation or None
-        Of the transfer system.
-    time_scale : float
-        λ.
-    """
-
-    joined: Joined
-    description: SpecimenDescription
-    geometry: Float[np.ndarray, "channel dof"]
-    motion: Motion
-    compensation: Compensation | None
-    time_scale: float
+    joined: Joined  # Both parts, the physical one with what it is expected to answer
+    description: SpecimenDescription  # What the specimen says of itself
+    geometry: Float[np.ndarray, "channel dof"]  # B
+    motion: Motion  # Of the specimen
+    compensation: Compensation | None  # Of the transfer system
+    time_scale: float  # λ
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualMoves:
-    """What a specimen went through in a virtual run, with the force that is expected of it.
+    """What a specimen went through in a virtual run, with the force that is expected of it."""
 
-    Parameters
-    ----------
-    targets : ndarray, shape (move, channel)
-        Where it was moved to [m].
-    forces : ndarray, shape (move, channel)
-        Its forces [N].
-    collapse : str
-        How it failed; empty where it did not.
-    """
-
-    targets: Float[np.ndarray, "move channel"]
-    forces: Float[np.ndarray, "move channel"]
-    collapse: str = ""
+    targets: Float[np.ndarray, "move channel"]  # Where it was moved to [m]
+    forces: Float[np.ndarray, "move channel"]  # Its forces [N]
+    collapse: str = ""  # How it failed; empty where it did not
 
     @property
     def bounded(self) -> bool:
@@ -144,21 +101,7 @@ class VirtualMoves:
 
 
 def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
-    """Say how far and how fast pistons will be commanded, with the compensation, which overshoots and makes small jumps fast.
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-    targets : ndarray, shape (move, channel)
-        Where the specimen is to be moved to [m].
-
-    Returns
-    -------
-    tuple of ndarray, shape (channel,)
-        Largest displacement [m], and largest velocity [m/s] of wall time. One that learns is taken as it begins; of a specimen that
-        makes its own ramps the mean velocity of a move is given.
-    """
+    """Say how far and how fast pistons will be commanded, with the compensation, which overshoots and makes small jumps fast."""
     step = plan.description.controller_step
     started = np.concatenate([0.0 * targets[:1], targets])
     if plan.compensation is None:
@@ -174,22 +117,7 @@ def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[n
 
 
 def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> Float[np.ndarray, " mode"]:
-    """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ).
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-    whole : WholeStructure
-        Its modes.
-    delay : float
-        τ [s] of wall time.
-
-    Returns
-    -------
-    ndarray, shape (mode,)
-        ζ; that of the structure where the specimen holds before it is read.
-    """
+    """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ)."""
     if not plan.motion.continuous:
         return whole.damping_ratios
     factors = np.array([_loop_factor(plan, omega, delay) for omega in whole.frequencies])
@@ -204,18 +132,7 @@ def _loop_factor(plan: Plan, omega: float, delay: float) -> complex:
 
 
 def spurious_damping(plan: Plan) -> float:
-    """Least damping that the coupling adds to a mode of a specimen that has softened, without any of its own.
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-
-    Returns
-    -------
-    float
-        ζ; 0 to rounding where it adds none.
-    """
+    """Least damping that the coupling adds to a mode of a specimen that has softened, without any of its own."""
     numerical, physical = (side.part for side in (plan.joined.numerical, plan.joined.physical))
     found = [
         free_oscillations(plan.joined.of_parts(numerical.undamped().softened(1.0), physical.undamped().softened(share)))
@@ -225,22 +142,7 @@ def spurious_damping(plan: Plan) -> float:
 
 
 def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
-    """Judge a test by a virtual run.
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-    virtual : VirtualMoves
-        What the specimen went through.
-    steps : int
-        Coarse steps.
-
-    Returns
-    -------
-    Feasibility
-        With everything that speaks against it.
-    """
+    """Judge a test by a virtual run."""
     whole = WholeStructure.of(plan.joined)
     delay = max(channel.delay for channel in plan.description.channels)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -264,20 +166,7 @@ def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
 
 
 def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
-    """Largest stiffness of the specimen over K₀, as it tells it or as it is expected.
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-    virtual : VirtualMoves
-        What it went through in a virtual run.
-
-    Returns
-    -------
-    float
-        1 where neither is known to be larger.
-    """
+    """Largest stiffness of the specimen over K₀, as it tells it or as it is expected."""
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
     found = [
         1.0,

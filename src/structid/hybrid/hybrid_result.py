@@ -35,39 +35,21 @@ if TYPE_CHECKING:
 
 
 class Event(NamedTuple):
-    """Something that happened to a test.
+    """Something that happened to a test."""
 
-    Parameters
-    ----------
-    time : float
-        Simulated time [s].
-    what : str
-        In words.
-    """
-
-    time: float
-    what: str
+    time: float  # Simulated time [s]
+    what: str  # In words
 
 
 @dataclass(frozen=True, eq=False)
 class MoveHistory:
-    """Every motion of the specimen, in order; arrays (move, channel), the first of them before the test at rest.
+    """Every motion of the specimen, in order; arrays (move, channel), the first of them before the test at rest."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (move,)
-        Simulated time at its end [s].
-    target, command, measured : ndarray
-        Where it should be, what was sent, where it was [m].
-    force : ndarray
-        That it exerts [N].
-    """
-
-    time: Float[np.ndarray, " move"]
-    target: np.ndarray
-    command: np.ndarray
-    measured: np.ndarray
-    force: np.ndarray
+    time: Float[np.ndarray, " move"]  # Simulated time at its end [s]
+    target: np.ndarray  # Where it should be, what was sent, where it was [m]
+    command: np.ndarray  # Where it should be, what was sent, where it was [m]
+    measured: np.ndarray  # Where it should be, what was sent, where it was [m]
+    force: np.ndarray  # That it exerts [N]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -75,24 +57,13 @@ class MoveHistory:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """How well one channel followed.
+    """How well one channel followed."""
 
-    Parameters
-    ----------
-    error : float
-        RMS (u_m − u_c)/RMS u_c.
-    index : FrequencyEvaluationIndex or None
-        Amplitude and delay; None where nothing was to move.
-    indicator : ndarray, shape (move,)
-        Area in the synchronisation subspace [m²], growing while it lags.
-    energy : ndarray, shape (move,)
-        Energy error [J], above 0 where it feeds the structure.
-    """
-
-    error: float
-    index: FrequencyEvaluationIndex | None
+    error: float  # RMS (u_m − u_c)/RMS u_c
+    index: FrequencyEvaluationIndex | None  # Amplitude and delay; None where nothing was to move
+    # Area in the synchronisation subspace [m²], growing while it lags
     indicator: Float[np.ndarray, " move"] = field(repr=False)
-    energy: Float[np.ndarray, " move"] = field(repr=False)
+    energy: Float[np.ndarray, " move"] = field(repr=False)  # Energy error [J], above 0 where it feeds the structure
 
 
 @dataclass(frozen=True, eq=False)

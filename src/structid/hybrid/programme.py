@@ -27,38 +27,12 @@ PREFIX, SUFFIX = "test_", ".h5"
 
 
 def store_of(folder: Path, name: str) -> Path:
-    """Name the store of a test.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-    name : str
-        Of the test.
-
-    Returns
-    -------
-    Path
-        An HDF5 file.
-    """
+    """Name the store of a test."""
     return folder / f"{PREFIX}{name}{SUFFIX}"
 
 
 def tests_in(folder: Path, ending: str = "") -> list[str]:
-    """Name the tests that have a store in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-    ending : str
-        What the name of a store goes on with: that of its journal, for tests that run.
-
-    Returns
-    -------
-    list of str
-        The latest last.
-    """
+    """Name the tests that have a store in a folder."""
     found = sorted(folder.glob(f"{PREFIX}*{SUFFIX}{ending}"), key=lambda path: path.stat().st_mtime)
     return [path.name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}{ending}") for path in found]
 

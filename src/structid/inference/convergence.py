@@ -27,18 +27,6 @@ def autocorrelation_time(series: Float[np.ndarray, "series step"], window: float
     since each alone is noisy. They are taken about the mean of all series. About its own mean, a series not much longer than τ
     hides part of its correlation. The mean of E series has a variance V itself, by which each autocovariance comes out too small.
     With V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S), the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
-
-    Parameters
-    ----------
-    series : ndarray, shape (series, step)
-        Independent, equally long series.
-    window : float
-        Length of the window in τ.
-
-    Returns
-    -------
-    float
-        τ in steps, at least 1; NaN for a constant series.
     """
     return _time_and_error(series, window)[0]
 
@@ -61,18 +49,7 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
 
 
 def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "lag quantity"]:
-    """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
-
-    Parameters
-    ----------
-    series : ndarray, shape (time, quantity)
-        Series of one length.
-
-    Returns
-    -------
-    ndarray, shape (lag, quantity)
-        For every lag k from 0; a sum, not a mean.
-    """
+    """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄)."""
     samples = len(series)
     transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
     return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
@@ -82,16 +59,6 @@ def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
     """Number of walkers whose draws follow one another in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
 
     Neighbours are then independent, and the draws of one walker, so many further on, are not.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (draw, parameter)
-        One chain, or the draws of an ensemble step by step.
-
-    Returns
-    -------
-    int
-        1 for a chain, and for independent draws.
     """
     covariance = autocovariance(draws)
     correlation = np.mean(covariance / covariance[0], axis=1)
@@ -101,18 +68,7 @@ def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
 
 
 def weighted_size(weights: Float[np.ndarray, " draw"]) -> float:
-    """Effective number of weighted draws by Kish's measure, (Σw)²/Σw².
-
-    Parameters
-    ----------
-    weights : ndarray, shape (draw,)
-        Not negative, not all zero; their scale does not matter.
-
-    Returns
-    -------
-    float
-        From 1 to the number of draws.
-    """
+    """Effective number of weighted draws by Kish's measure, (Σw)²/Σw²."""
     return float(np.sum(weights) ** 2 / np.sum(weights**2))
 
 
@@ -121,33 +77,12 @@ def effective_sample_size(draws: Float[np.ndarray, "step ensemble walker"]) -> f
 
     Walkers of a stationary ensemble are independent at any one step, so the mean over walkers has the variance σ²/W, and
     ESS = E · W · S/τ, with τ from `series_time`.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        The quantity.
-
-    Returns
-    -------
-    float
-        ESS; NaN for a constant quantity.
     """
     return draws.size / series_time(draws)
 
 
 def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Standard error of the mean of a quantity: the larger of that by the effective number of draws and that by the ensembles.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        The quantity.
-
-    Returns
-    -------
-    float
-        0 for a constant quantity.
-    """
+    """Standard error of the mean of a quantity: the larger of that by the effective number of draws and that by the ensembles."""
     of_ensembles = draws.mean(axis=(0, 2))
     by_size = draws.var() / max(effective_sample_size(draws), 1.0) if np.ptp(draws) else 0.0
     by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
@@ -162,16 +97,6 @@ def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     plus a share of the difference d by which the means' τ exceeds it. With the standard error s of the means' τ, this share is
     (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains shorter than some
     ten τ, the walkers alone decide: see `longest_time`.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        The quantity.
-
-    Returns
-    -------
-    float
-        τ in steps; NaN for a constant quantity.
     """
     alone, together, error = _times_alone_and_together(draws)
     beyond = together - alone
@@ -179,18 +104,7 @@ def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 
 
 def longest_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """The longer of two autocorrelation times, the walkers' and their ensemble means', by which a chain's length is judged.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        The quantity.
-
-    Returns
-    -------
-    float
-        τ in steps; NaN for a constant quantity.
-    """
+    """The longer of two autocorrelation times, the walkers' and their ensemble means', by which a chain's length is judged."""
     alone, together, _ = _times_alone_and_together(draws)
     return float(np.fmax(alone, together))
 
@@ -201,18 +115,7 @@ def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
 
 
 def bulk_and_tail_size(draws: Float[np.ndarray, "step ensemble walker"]) -> tuple[float, float]:
-    """Effective sample sizes of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        One parameter.
-
-    Returns
-    -------
-    tuple of float
-        Bulk and tail ESS (Vehtari et al. 2021, doi 10.1214/20-BA1221).
-    """
+    """Effective sample sizes of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles."""
     return effective_sample_size(normal_scores(draws)), _size_beyond(draws, 0.05)
 
 
@@ -225,16 +128,6 @@ def r_hat(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Rank-normalised split R-hat over ensembles, the walkers of each pooled.
 
     Walkers of one ensemble are not independent chains; ensembles are.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        One parameter.
-
-    Returns
-    -------
-    float
-        R-hat (Vehtari et al. 2021), NaN with a single ensemble: there is nothing independent to compare.
     """
     steps, ensembles, walkers = draws.shape
     if ensembles < 2:
@@ -254,39 +147,14 @@ def _r_hat_of_scores(chains: np.ndarray) -> float:
 
 
 def normal_scores(draws: np.ndarray) -> np.ndarray:
-    """Normal quantiles of the ranks of draws, Φ⁻¹((rank − 3/8)/(S + 1/4)).
-
-    Parameters
-    ----------
-    draws : ndarray
-        Any shape; all are ranked together.
-
-    Returns
-    -------
-    ndarray
-        In the same shape.
-    """
+    """Normal quantiles of the ranks of draws, Φ⁻¹((rank − 3/8)/(S + 1/4))."""
     return np.asarray(scipy.special.ndtri((ranks(draws) - 0.375) / (draws.size + 0.25)))
 
 
 def stuck_walkers(
     accepted: Bool[np.ndarray, "step ensemble walker"], log_density: Float[np.ndarray, "step ensemble walker"]
 ) -> Bool[np.ndarray, "ensemble walker"]:
-    """Walkers that hardly move, or that end far below where the others are.
-
-    Parameters
-    ----------
-    accepted : ndarray of bool, shape (step, ensemble, walker)
-        Whether each proposal was accepted, over the kept steps.
-    log_density : ndarray, shape (step, ensemble, walker)
-        Log density in sampling coordinates.
-
-    Returns
-    -------
-    ndarray of bool, shape (ensemble, walker)
-        True where the acceptance is below a fifth of the median, if the chains are long enough to tell, or the best log density
-        of the last fifth of the steps, or the last twenty, is below anything the upper three quarters of all walkers visit.
-    """
+    """Walkers that hardly move, or that end far below where the others are."""
     rate = accepted.mean(axis=0)
     # Where few moves are expected, a low count may be chance.
     telling = np.median(rate) * len(accepted) >= FEWEST_MOVES
@@ -299,33 +167,21 @@ def stuck_walkers(
 
 @dataclass(frozen=True)
 class ParameterDiagnostics:
-    """Diagnostics of one parameter.
+    """Diagnostics of one parameter."""
 
-    Parameters
-    ----------
-    r_hat, autocorrelation_time, bulk_size, tail_size, far_tail_size : float
-        R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles.
-    """
-
+    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
     r_hat: float
+    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
     autocorrelation_time: float
+    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
     bulk_size: float
+    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
     tail_size: float
+    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
     far_tail_size: float
 
 
 def parameter_diagnostics(draws: Float[np.ndarray, "step ensemble walker"]) -> ParameterDiagnostics:
-    """All diagnostics of one parameter.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, ensemble, walker)
-        Its kept draws.
-
-    Returns
-    -------
-    ParameterDiagnostics
-        The figures.
-    """
+    """All diagnostics of one parameter."""
     bulk, tail = bulk_and_tail_size(draws)
     return ParameterDiagnostics(r_hat(draws), longest_time(draws), bulk, tail, _size_beyond(draws, 0.01))

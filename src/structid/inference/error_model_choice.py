@@ -42,19 +42,7 @@ _log = logging.getLogger(__name__)
 
 
 def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
-    """List the laws that are worth a try, the simplest first.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-
-    Returns
-    -------
-    tuple of ErrorLaw
-        Independent, AR(1) and narrow-band errors; and, where the model allows it, drifting parameters beside independent and
-        beside narrow-band errors.
-    """
+    """List the laws that are worth a try, the simplest first."""
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
 
@@ -210,27 +198,7 @@ def choose_among(
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
 ) -> LawChoice:
-    """Choose the law of the errors of a posterior; see `choose_law`.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Under any law.
-    laws, sampler, seed, progress, store
-        As in `choose_law`; when left out, those of the `usual_laws` that can be sampled in seconds.
-
-    Returns
-    -------
-    LawChoice
-        Draws and evidence under each.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to choose among.
-    ConvergenceError
-        If no law has an evidence.
-    """
+    """Choose the law of the errors of a posterior; see `choose_law`."""
     if laws is not None and not laws:
         raise InputError("choose_law(laws)", "none", "one law or more")
     under = [posterior.on(law=law) for law in (usual_laws(posterior.model) if laws is None else laws)]

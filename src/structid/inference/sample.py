@@ -108,20 +108,7 @@ def sample(
 
 
 def check_memory(target: Target, sampler: Sampler) -> None:
-    """Refuse draws that this machine cannot hold, before the first of them.
-
-    Parameters
-    ----------
-    target : Target
-        What is sampled.
-    sampler : Sampler
-        With its settings.
-
-    Raises
-    ------
-    InputError
-        If they do not fit into its memory.
-    """
+    """Refuse draws that this machine cannot hold, before the first of them."""
     numbers = sampler.steps * sampler.ensembles * sampler.walkers * (target.dimension + 2)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else np.inf
     if 8 * numbers > memory:
@@ -134,18 +121,7 @@ def check_memory(target: Target, sampler: Sampler) -> None:
 
 
 def chain_identity(target: Target, sampler: Sampler, seed: int, start: np.ndarray | None = None) -> dict[str, Any]:
-    """Say what chains depend on: a store of others is refused.
-
-    Parameters
-    ----------
-    target, sampler, seed, start
-        As in `sample`.
-
-    Returns
-    -------
-    dict
-        What a store of the chains carries.
-    """
+    """Say what chains depend on: a store of others is refused."""
     return {
         "target": target.content_hash,
         "engine": engine(),

@@ -17,15 +17,9 @@ from structid.mechanics.restoring_forces import RestoringForce
 
 @dataclass(frozen=True, eq=False)
 class AroundAnother(RestoringForce):
-    """A force that is made of another one, of the same displacements.
+    """A force that is made of another one, of the same displacements."""
 
-    Parameters
-    ----------
-    force : RestoringForce
-        Of the structure.
-    """
-
-    force: RestoringForce
+    force: RestoringForce  # Of the structure
 
     @property
     def dofs(self) -> int:
@@ -45,16 +39,9 @@ class AroundAnother(RestoringForce):
 
 @dataclass(frozen=True, eq=False)
 class CarriedOver(AroundAnother):
-    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end.
+    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end."""
 
-    Parameters
-    ----------
-    force : RestoringForce
-        Of the structure as it was at first.
-    way : ndarray, shape (place, dof)
-        Where it was moved to, one after the other; its last place is the new zero [m].
-    """
-
+    # Where it was moved to, one after the other; its last place is the new zero [m]
     way: np.ndarray = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -64,18 +51,7 @@ class CarriedOver(AroundAnother):
         object.__setattr__(self, "way", way)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """What is remembered at the end of the way; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            The structure's ``memory``, and the force ``at_zero``.
-        """
+        """What is remembered at the end of the way; see `RestoringForce.at_rest`."""
 
         def move(carried: tuple[Any, Any], row: tuple[Any]) -> tuple[tuple[Any, Any], tuple[()]]:
             force, after = self.force.at(carried[1], self._of(row[0], displacement))
@@ -86,20 +62,7 @@ class CarriedOver(AroundAnother):
         return {"memory": memory, "at_zero": at_zero}
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Impose a displacement from the new zero; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : dict
-            As `at_rest` gives it.
-        displacement : array, shape (dof,) or (dof, run)
-            u [m].
-
-        Returns
-        -------
-        tuple
-            The force without that at the new zero [N], and the memory after it.
-        """
+        """Impose a displacement from the new zero; see `RestoringForce.at`."""
         force, after = self.force.at(memory["memory"], self._of(self.way[-1], displacement))
         return force - memory["at_zero"], {"memory": after, "at_zero": memory["at_zero"]}
 
@@ -114,16 +77,9 @@ class InPieces(AroundAnother):
     """A structure that is moved straight from place to place, each move in a number of pieces.
 
     A law of which a move is one Runge-Kutta step follows long moves better so.
-
-    Parameters
-    ----------
-    force : RestoringForce
-        Of the structure.
-    pieces : int
-        Of every move.
     """
 
-    pieces: int
+    pieces: int  # Of every move
 
     @property
     def largest_move(self) -> float:
@@ -131,50 +87,15 @@ class InPieces(AroundAnother):
         return self.pieces * self.force.largest_move
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """As of the structure; see `RestoringForce.force_at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros.
-
-        Returns
-        -------
-        array
-            In the same shape [N].
-        """
+        """As of the structure; see `RestoringForce.force_at_rest`."""
         return self.force.force_at_rest(displacement)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """What is remembered before the first move; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            The structure's ``memory``, and the last ``place``.
-        """
+        """What is remembered before the first move; see `RestoringForce.at_rest`."""
         return {"memory": self.force.at_rest(displacement), "place": displacement}
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Impose a displacement; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : dict
-            As `at_rest` gives it.
-        displacement : array, shape (dof,) or (dof, run)
-            u [m].
-
-        Returns
-        -------
-        tuple
-            The force there, and the memory after it.
-        """
+        """Impose a displacement; see `RestoringForce.at`."""
         start, move = memory["place"], displacement - memory["place"]
 
         def piece(carried: tuple[Any, Any], row: tuple[Any]) -> tuple[tuple[Any, Any], tuple[()]]:

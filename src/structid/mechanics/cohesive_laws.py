@@ -23,42 +23,24 @@ COUPLING = math.sqrt(2.0) - 1.0
 
 
 class CohesiveLaw(NamedTuple):
-    """Stiffnesses at the origin and characteristic lengths; each a float, or an array over runs.
+    """Stiffnesses at the origin and characteristic lengths; each a float, or an array over runs."""
 
-    Parameters
-    ----------
-    normal_stiffness, tangential_stiffness : float or array
-        k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m].
-    normal_length, tangential_length : float or array
-        δ_n and δ_t [m].
-    friction : float or array
-        μ, of a law that has friction.
-    """
-
-    normal_stiffness: Any
-    tangential_stiffness: Any
-    normal_length: Any
-    tangential_length: Any
-    friction: Any = 0.0
+    normal_stiffness: Any  # k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m]
+    tangential_stiffness: Any  # k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m]
+    normal_length: Any  # δ_n and δ_t [m]
+    tangential_length: Any  # δ_n and δ_t [m]
+    friction: Any = 0.0  # μ, of a law that has friction
 
 
 class JointResponse(NamedTuple):
-    """Tractions [Pa] and their derivatives [Pa/m]: ``nt`` is ∂T_n/∂Δ_t.
+    """Tractions [Pa] and their derivatives [Pa/m]: ``nt`` is ∂T_n/∂Δ_t."""
 
-    Parameters
-    ----------
-    normal, tangential : array
-        T_n and T_t.
-    nn, nt, tn, tt : array
-        The tangent, which is not symmetric.
-    """
-
-    normal: Any
-    tangential: Any
-    nn: Any
-    nt: Any
-    tn: Any
-    tt: Any
+    normal: Any  # T_n and T_t
+    tangential: Any  # T_n and T_t
+    nn: Any  # The tangent, which is not symmetric
+    nt: Any  # The tangent, which is not symmetric
+    tn: Any  # The tangent, which is not symmetric
+    tt: Any  # The tangent, which is not symmetric
 
 
 def cohesive_law(
@@ -69,25 +51,7 @@ def cohesive_law(
     characteristic_length: str = "exponential",
     friction: Any = 0.0,
 ) -> CohesiveLaw:
-    """Make the law of energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e).
-
-    Parameters
-    ----------
-    normal_energy, tangential_energy : float or array
-        Works of separation φ_n and of sliding φ_t [N/m].
-    normal_strength, tangential_strength : float or array
-        σ_max and τ_max [Pa].
-    characteristic_length : {"exponential", "xu-needleman"}
-        The second one takes the printed δ_t = φ_t / (τ_max √(e/2)), which belongs to a Gaussian law: the work of sliding is then
-        2.33164 φ_t.
-    friction : float or array
-        μ.
-
-    Returns
-    -------
-    CohesiveLaw
-        In SI.
-    """
+    """Make the law of energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e)."""
     normal_length = normal_energy / (normal_strength * math.e)
     tangential_length = tangential_energy / (
         tangential_strength * (math.e if characteristic_length == "exponential" else math.sqrt(0.5 * math.e))
@@ -102,57 +66,19 @@ def cohesive_law(
 
 
 class JointLaw(ABC):
-    """What a joint answers to its jumps, and what it remembers of them.
+    """What a joint answers to its jumps, and what it remembers of them."""
 
-    Attributes
-    ----------
-    memories : int
-        Numbers that a joint remembers.
-    load_steps : int
-        Steps in which a static load comes on: a joint with a memory depends on them.
-    """
-
-    memories: ClassVar[int]
-    load_steps: ClassVar[int]
+    memories: ClassVar[int]  # Numbers that a joint remembers
+    load_steps: ClassVar[int]  # Steps in which a static load comes on: a joint with a memory depends on them
 
     @abstractmethod
     def respond(self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            The parameters.
-        memory : array, shape (memory, …)
-            What was remembered at the last step.
-        opening, slip : array
-            Δ_n and Δ_t [m].
-
-        Returns
-        -------
-        JointResponse
-            Of these jumps.
-        """
+        """Give tractions and tangents."""
 
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any
     ) -> Float[Array, "memory ..."]:
-        """Give what is remembered after a step.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            The parameters.
-        memory : array, shape (memory, …)
-            Before it.
-        opening, slip : array
-            Δ_n and Δ_t [m] at its end.
-
-        Returns
-        -------
-        array, shape (memory, …)
-            After it.
-        """
+        """Give what is remembered after a step."""
         return memory
 
 
@@ -168,22 +94,7 @@ class SmcNp2(JointLaw):
     memories, load_steps = 0, 1
 
     def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents; see `JointLaw.respond`.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            The parameters.
-        memory : array
-            Nothing.
-        opening, slip : array
-            Δ_n and Δ_t [m].
-
-        Returns
-        -------
-        JointResponse
-            Where Δ_n = 0 and Δ_t ≠ 0 the tractions are continuous and the tangents are not: it is that of separation.
-        """
+        """Give tractions and tangents; see `JointLaw.respond`."""
         xp = namespace(opening)
         x, y, side = opening / law.normal_length, xp.abs(slip) / law.tangential_length, xp.sign(slip)
         apart, (rho, by_n, by_t) = opening >= 0.0, _distance(xp, x, y)
@@ -215,22 +126,7 @@ class DamageFriction(JointLaw):
     memories, load_steps = 2, 4
 
     def respond(self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents; see `JointLaw.respond`.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            The parameters.
-        memory : array, shape (2, …)
-            κ and Δ_p at the last step.
-        opening, slip : array
-            Δ_n and Δ_t [m].
-
-        Returns
-        -------
-        JointResponse
-            The tangent is that of the closed-form return.
-        """
+        """Give tractions and tangents; see `JointLaw.respond`."""
         xp = namespace(opening)
         kappa, slipped = memory[0], memory[1]
         k_n, k_t = law.normal_stiffness, law.tangential_stiffness
@@ -261,22 +157,7 @@ class DamageFriction(JointLaw):
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any
     ) -> Float[Array, "2 ..."]:
-        """Give κ and Δ_p after a step; see `JointLaw.remembered`.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            The parameters.
-        memory : array, shape (2, …)
-            Before it.
-        opening, slip : array
-            Δ_n and Δ_t [m] at its end.
-
-        Returns
-        -------
-        array, shape (2, …)
-            After it.
-        """
+        """Give κ and Δ_p after a step; see `JointLaw.remembered`."""
         xp = namespace(opening)
         kappa, slipped = memory[0], memory[1]
         apart, k_t = opening >= 0.0, law.tangential_stiffness

@@ -37,55 +37,17 @@ class Law(NamedTuple):
 
 
 def known(value: Any, number: float) -> bool:
-    """Whether a parameter is fixed at a number, so that the term it stands in can be left out.
-
-    Parameters
-    ----------
-    value : float or array
-        The parameter.
-    number : float
-        The number.
-
-    Returns
-    -------
-    bool
-        True only for a plain float equal to `number`.
-    """
+    """Whether a parameter is fixed at a number, so that the term it stands in can be left out."""
     return isinstance(value, float) and value == number
 
 
 def degrades(law: Law) -> bool:
-    """Whether the law depends on the absorbed hysteretic energy.
-
-    Parameters
-    ----------
-    law : Law
-        The parameters.
-
-    Returns
-    -------
-    bool
-        False if degradation and pinching are fixed at none.
-    """
+    """Whether the law depends on the absorbed hysteretic energy."""
     return not all(known(v, 0.0) for v in (law.delta_a, law.delta_nu, law.delta_eta, law.zeta0))
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """|z|ⁿ of a non-negative base, with finite derivatives at zero.
-
-    Parameters
-    ----------
-    base : array
-        Non-negative.
-    exponent : float or array
-        Positive.
-
-    Returns
-    -------
-    array
-        The power: a product where the exponent is fixed at a whole number, else exp(n log |z|), whose derivatives at a base of
-        zero are taken as zero.
-    """
+    """|z|ⁿ of a non-negative base, with finite derivatives at zero."""
     if isinstance(exponent, float) and exponent.is_integer():
         return base if exponent == 1.0 else base ** int(exponent)
     xp = namespace(base)
@@ -99,20 +61,6 @@ def pinching(velocity: Any, z: Any, energy: Any, nu: Any, a: Any, law: Law) -> A
     h = 1 − ζ₁ exp(−(z sign(v) − q z_u)²/ζ₂²)                          [3.9]
     z_u = [A/(ν(β+γ))]^(1/n)                                           [3.10]
     ζ₁ = ζ₀ (1 − exp(−p e_h)),  ζ₂ = (ψ₀ + δ_ψ e_h)(λ + ζ₁)            [3.11]
-
-    Parameters
-    ----------
-    velocity, z, energy : array
-        Rate of the spring [m/s], hysteretic displacement [m], hysteretic energy per mass [J/kg].
-    nu, a : array
-        ν and A at that energy.
-    law : Law
-        The parameters.
-
-    Returns
-    -------
-    array
-        h; 1 where β + γ ≤ 0, since there is no z_u then.
     """
     xp = namespace(z)
     sum_of_shapes = nu * (law.beta + law.gamma)
@@ -132,19 +80,6 @@ def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
     """Bound of |∂z′/∂z|, the rate at which the hysteretic displacement forgets where it was.
 
     |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|,   which pinching and η only make smaller
-
-    Parameters
-    ----------
-    velocity, z, energy : array
-        Rate of the spring [m/s], hysteretic displacement [m], hysteretic energy per mass [J/kg]. z is not looked at where the
-        exponent is fixed at 1, nor the energy where the law does not degrade.
-    law : Law
-        The parameters.
-
-    Returns
-    -------
-    array
-        [1/s].
     """
     xp = namespace(velocity)
     rate = (law.beta + xp.abs(law.gamma)) * xp.abs(velocity)
@@ -168,18 +103,6 @@ def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
 
     z′ = h(z) { A v − ν [β |v| |z|^(n−1) z + γ v |z|ⁿ] } / η                     [3.4]
     A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                       [3.5]
-
-    Parameters
-    ----------
-    velocity, z, energy : array
-        Rate of the spring [m/s], hysteretic displacement [m], hysteretic energy per mass [J/kg].
-    law : Law
-        The parameters.
-
-    Returns
-    -------
-    array
-        z′ [m/s].
     """
     xp = namespace(z)
     # |z|^(n−1) z = sign(z) |z|ⁿ has a derivative at z = 0, where the history starts; the printed form has none.

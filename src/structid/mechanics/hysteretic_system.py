@@ -24,19 +24,6 @@ class HystereticSystem(ABC):
         e_h′ = (1 − α) k/m z d′,     e_e′ = α k/m d d′                                       [3.14, 3.15]
 
     of which only those are integrated that the law or a recorded channel needs.
-
-    Parameters
-    ----------
-    law : Law
-        Of the springs.
-    mass : float or array
-        m [kg].
-    stiffness : float or array
-        Initial stiffness k of the springs [N/m].
-    kind : str
-        How the signal acts, `Excitation.kind`.
-    recorded : set of str
-        Channels that are asked for, without numbers of storeys.
     """
 
     def __init__(self, law: Law, mass: Any, stiffness: Any, kind: str, recorded: set[str]) -> None:
@@ -50,83 +37,22 @@ class HystereticSystem(ABC):
 
     @abstractmethod
     def deformation(self, motion: Any) -> Any:
-        """Deformation of every spring, or its rate, from the motion of the masses.
-
-        Parameters
-        ----------
-        motion : array
-            Displacements or velocities of the masses.
-
-        Returns
-        -------
-        array
-            Of the springs.
-        """
+        """Deformation of every spring, or its rate, from the motion of the masses."""
 
     @abstractmethod
     def spring_force(self, deformation: Any, z: Any) -> Any:
-        """Restoring force k [α d + (1 − α) z] of every spring [N].
-
-        Parameters
-        ----------
-        deformation, z : array
-            d and z [m].
-
-        Returns
-        -------
-        array
-            The force.
-        """
+        """Restoring force k [α d + (1 − α) z] of every spring [N]."""
 
     @abstractmethod
     def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
-        """Acceleration u″ of the masses, relative to the base.
-
-        Parameters
-        ----------
-        u, v, z : array
-            Displacements, velocities, hysteretic displacements.
-        signal : array
-            Value of the excitation.
-
-        Returns
-        -------
-        array
-            [m/s²].
-        """
+        """Acceleration u″ of the masses, relative to the base."""
 
     def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
-        """Displacements and velocities of the masses.
-
-        Parameters
-        ----------
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation, which may impose them.
-
-        Returns
-        -------
-        tuple of array
-            u [m] and u′ [m/s].
-        """
+        """Displacements and velocities of the masses."""
         return state["u"], state["v"]
 
     def with_energies(self, state: State, zero: Any) -> State:
-        """Add the energies that are needed to an initial state.
-
-        Parameters
-        ----------
-        state : dict
-            Without energies.
-        zero : array
-            Their initial values.
-
-        Returns
-        -------
-        dict
-            The whole state.
-        """
+        """Add the energies that are needed to an initial state."""
         if self.needs_hysteretic_energy:
             state["e_h"] = zero
         if self.needs_elastic_energy:
@@ -134,20 +60,7 @@ class HystereticSystem(ABC):
         return state
 
     def rate(self, state: State, signal: Any) -> State:
-        """Derivative of every part of the state.
-
-        Parameters
-        ----------
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation.
-
-        Returns
-        -------
-        dict
-            By the same names.
-        """
+        """Derivative of every part of the state."""
         u, v = self.kinematics(state, signal)
         z, deformation_rate = state["z"], self.deformation(v)
         slope = {"z": hysteretic_rate(deformation_rate, z, state.get("e_h"), self.law)}
@@ -164,18 +77,7 @@ class HystereticSystem(ABC):
         """Upper bound of ω² of the undamped modes with the initial stiffness [1/s²]; zero where the motion is imposed."""
 
     def watch(self, zero: Any) -> Watch:
-        """Watch whether the integration steps are short enough for the springs.
-
-        Parameters
-        ----------
-        zero : array
-            Zeros, one for each spring.
-
-        Returns
-        -------
-        Watch
-            Of the largest |d′| and |z|, which give the largest rate of the law, `law_rate`; beside it stands the highest frequency.
-        """
+        """Watch whether the integration steps are short enough for the springs."""
         start = {"rate": zero} if known(self.law.exponent, 1.0) else {"rate": zero, "z": zero}
 
         def seen(watched: State, state: State, signal: Any) -> State:
@@ -194,22 +96,7 @@ class HystereticSystem(ABC):
         return Watch(start, seen, followed)
 
     def channel(self, name: str, state: State, signal: Any) -> Any:
-        """Value of one channel.
-
-        Parameters
-        ----------
-        name : str
-            Without the number of a storey.
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation.
-
-        Returns
-        -------
-        array
-            In SI.
-        """
+        """Value of one channel."""
         u, v = self.kinematics(state, signal)
         z = state["z"]
         match name:

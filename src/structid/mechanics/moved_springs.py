@@ -30,22 +30,6 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
 
     The law has a kink at z = 0 where its exponent is 1, which would cost a step its order. A move that crosses it is therefore
     split there.
-
-    Parameters
-    ----------
-    law : Law
-        Of the springs.
-    hysteretic : float or array
-        (1 − α) k/m [1/s²].
-    state : dict
-        Before the move.
-    change : array
-        Δ [m].
-
-    Returns
-    -------
-    dict
-        After it.
     """
     before = state["z"]
     xp = namespace(before)
@@ -75,16 +59,6 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
 
     Outside JAX a move that is too long is done in pieces, up to `MOST_PIECES`. Inside, where their number must not depend on the
     parameters, it is told.
-
-    Parameters
-    ----------
-    law, hysteretic, state, change
-        As for `moved`.
-
-    Returns
-    -------
-    tuple of dict and bool or array
-        After the move; and whether it was followed, for the run or for each of many.
     """
     xp = namespace(state["z"])
     if xp is np:
@@ -115,16 +89,5 @@ def _pieces(law: Law, state: State, change: Any) -> float:
 
 
 def crosses_zero(before: Any, after: Any) -> Any:
-    """Whether z passes the kink of the law on its way.
-
-    Parameters
-    ----------
-    before, after : array
-        z at both ends [m].
-
-    Returns
-    -------
-    array of bool
-        False where it begins or ends there.
-    """
+    """Whether z passes the kink of the law on its way."""
     return before * after < 0.0

@@ -119,15 +119,9 @@ class RestoringForce(ABC):
 
 @dataclass(frozen=True, eq=False)
 class LinearForce(RestoringForce):
-    """r = K u.
+    """r = K u."""
 
-    Parameters
-    ----------
-    stiffness : ndarray, shape (dof, dof)
-        K [N/m].
-    """
-
-    stiffness: Float[np.ndarray, "dof dof"]
+    stiffness: Float[np.ndarray, "dof dof"]  # K [N/m]
 
     @property
     def dofs(self) -> int:
@@ -135,65 +129,23 @@ class LinearForce(RestoringForce):
         return len(self.stiffness)
 
     def at_rest(self, displacement: Any) -> Any:
-        """Nothing is remembered; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array
-            Zeros.
-
-        Returns
-        -------
-        tuple
-            Empty.
-        """
+        """Nothing is remembered; see `RestoringForce.at_rest`."""
         return ()
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Impose a displacement; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : tuple
-            Nothing.
-        displacement : array, shape (dof,) or (dof, run)
-            u.
-
-        Returns
-        -------
-        tuple
-            K u, and nothing.
-        """
+        """Impose a displacement; see `RestoringForce.at`."""
         return self.stiffness @ displacement, memory
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class HystereticSprings(RestoringForce):
-    """Bouc-Wen-Baber-Noori springs between the degrees of freedom: r = Bᵀ k (α d + (1 − α) z) with the deformations d = B u.
+    """Bouc-Wen-Baber-Noori springs between the degrees of freedom: r = Bᵀ k (α d + (1 − α) z) with the deformations d = B u."""
 
-    Parameters
-    ----------
-    deformations : array-like, shape (spring, dof)
-        B.
-    stiffness : array-like, shape (spring,) or (spring, run)
-        Initial stiffness k of every spring [N/m].
-    mass : array-like, shape (spring,) or (spring, run)
-        Mass m that the energies of a spring are divided by [kg], as for `BoucWen`.
-    law : Law
-        α, β, γ and the others, each a number for all springs or an array (spring,) or (spring, run); see `spring_law`.
-
-    Examples
-    --------
-    >>> springs = HystereticSprings([[1.0]], [7.6e6], [12_000.0], spring_law(alpha=0.05, beta=63.0, gamma=63.0))
-    >>> force, memory = springs.at(springs.at_rest(np.zeros(1)), np.array([1e-3]))
-    >>> print(f"{force[0]:.0f} N")
-    7153 N
-    """
-
-    deformations: np.ndarray
-    stiffness: np.ndarray
-    mass: np.ndarray
+    deformations: np.ndarray  # B
+    stiffness: np.ndarray  # Initial stiffness k of every spring [N/m]
+    mass: np.ndarray  # Mass m that the energies of a spring are divided by [kg], as for `BoucWen`
+    # α, β, γ and the others, each a number for all springs or an array (spring,) or (spring, run); see `spring_law`
     law: Law = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -228,37 +180,12 @@ class HystereticSprings(RestoringForce):
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Springs that were never moved; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            Deformation ``d``, hysteretic displacement ``z`` and hysteretic energy per mass ``e_h`` of every spring.
-        """
+        """Springs that were never moved; see `RestoringForce.at_rest`."""
         nothing = self.deformations @ displacement
         return {"d": nothing, "z": nothing, "e_h": nothing}
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Impose a displacement; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : dict
-            As `at_rest` gives it.
-        displacement : array, shape (dof,) or (dof, run)
-            u [m].
-
-        Returns
-        -------
-        tuple
-            The force [N], not a number where many runs are moved by more at once than the law can be followed, and the memory
-            after it.
-        """
+        """Impose a displacement; see `RestoringForce.at`."""
         deformation = self.deformations @ displacement
         law = Law(*(self._of_springs(value, deformation) for value in self.law))
         stiffness = self._of_springs(self.stiffness, deformation)
@@ -293,21 +220,7 @@ def spring_law(
     gamma: float | Sequence[float],
     **others: float | Sequence[float],
 ) -> Law:
-    """Make the law of springs, without degradation and pinching where nothing is said of them.
-
-    Parameters
-    ----------
-    alpha, beta, gamma : float or sequence
-        α, and β and γ [1/m].
-    **others : float or sequence
-        ``exponent``, ``amplitude``, ``delta_a``, ``delta_nu``, ``delta_eta``, ``zeta0``, ``p``, ``q``, ``psi0``, ``delta_psi``,
-        ``lambda_``, as for `BoucWen`.
-
-    Returns
-    -------
-    Law
-        Numbers as floats, sequences as arrays (spring,).
-    """
+    """Make the law of springs, without degradation and pinching where nothing is said of them."""
     given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0} | others
     unknown = set(given) - set(Law._fields)
     if unknown:

@@ -14,20 +14,11 @@ from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
 class Watch(NamedTuple):
-    """What is looked at, at every sample, to see whether the steps were short enough for the equations.
+    """What is looked at, at every sample, to see whether the steps were short enough for the equations."""
 
-    Parameters
-    ----------
-    start : tree of arrays
-        Before the first sample.
-    seen : callable
-        ``seen(watched, state, input)``: what was watched, with a sample more.
-    followed : callable
-        ``followed(state, watched, step)``: which runs were followed, (run,), from the end of the record.
-    """
-
-    start: State
-    seen: Callable[[State, State, Any], State]
+    start: State  # Before the first sample
+    seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: what was watched, with a sample more
+    # ``followed(state, watched, step)``: which runs were followed, (run,), from the end of the record
     followed: Callable[[State, State, Any], Any]
 
 
@@ -36,22 +27,6 @@ def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tup
 
     k₁ = f(y, x₀), k₂ = f(y + h/2 k₁, x_½), k₃ = f(y + h/2 k₂, x_½), k₄ = f(y + h k₃, x₁),
     y ← y + h/6 (k₁ + 2k₂ + 2k₃ + k₄)
-
-    Parameters
-    ----------
-    rate : callable
-        ``rate(state, input)``: the derivative of every part of the state.
-    state : tree of arrays
-        The state at the start; a dict holds arrays, and no other trees.
-    inputs : triple
-        The input at the start, the middle and the end of the step.
-    step : float
-        The step h.
-
-    Returns
-    -------
-    tree of arrays
-        The state at the end.
     """
     start, middle, end = inputs
 
@@ -82,32 +57,7 @@ def runge_kutta_loop(
     lead_in: int = 0,
     watch: Watch | None = None,
 ) -> TimeLoop:
-    """Integrate over a record and observe the state at every sample.
-
-    Parameters
-    ----------
-    rate : callable
-        ``rate(state, input)``: the derivative of every part of the state.
-    inputs_of : callable
-        Turns the excitation at start, middle and end of a step into the three inputs of `rate`.
-    observe : callable
-        ``observe(state, input)``: what is seen at a sample.
-    start : tree of arrays
-        The initial state.
-    stages : jax.Array, shape (time, substeps, 3)
-        The excitation at the start, middle and end of every step. Of the last row only the start counts.
-    dt : float
-        Time between samples [s].
-    lead_in : int
-        Samples at the beginning that are not kept.
-    watch : Watch, optional
-        Which runs cannot be used because the steps were too long for them.
-
-    Returns
-    -------
-    TimeLoop
-        The loop.
-    """
+    """Integrate over a record and observe the state at every sample."""
     substeps = stages.shape[1]
     step = dt / substeps
 

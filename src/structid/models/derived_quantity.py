@@ -9,15 +9,7 @@ from jaxtyping import Float
 
 
 class DerivedQuantity(NamedTuple):
-    """One quantity that follows from a model's parameters, of many runs.
+    """One quantity that follows from a model's parameters, of many runs."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (run,)
-        In SI.
-    unit : str
-        In which it is shown, such as ``"mm"``.
-    """
-
-    values: Float[np.ndarray, " run"]
-    unit: str
+    values: Float[np.ndarray, " run"]  # In SI
+    unit: str  # In which it is shown, such as ``"mm"``

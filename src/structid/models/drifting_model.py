@@ -22,36 +22,12 @@ from structid.probability.space import ParameterSpace
 
 
 def drift_name(name: str) -> str:
-    """Name of the standard deviation by which a parameter drifts.
-
-    Parameters
-    ----------
-    name : str
-        The parameter.
-
-    Returns
-    -------
-    str
-        Its drift.
-    """
+    """Name of the standard deviation by which a parameter drifts."""
     return f"{name}_drift"
 
 
 def knot_names(names: tuple[str, ...], knots: int) -> tuple[str, ...]:
-    """Names of the drifts at the knots.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters that drift.
-    knots : int
-        How many knots each has.
-
-    Returns
-    -------
-    tuple of str
-        Parameter by parameter; knots are numbered from 1.
-    """
+    """Names of the drifts at the knots."""
     return tuple(f"{name}_at_{knot}" for name in names for knot in range(1, knots + 1))
 
 
@@ -62,22 +38,6 @@ class DriftingModel(TraceableModel):
 
     θ at a knot is kept within the support of the prior of θ; θ(t) is constant over a sample. Parameters that are derived from
     others, and whatever the model makes of its parameters (such as a damping of the initial stiffness), drift with them.
-
-    Parameters
-    ----------
-    model : Model
-        The model; its response must be a loop over time.
-    space : ParameterSpace
-        Its unknown parameters, all of which drift.
-    knots : int
-        Number of knots, the first at the beginning of the record; 2 or more.
-    every : float
-        Time between knots [s]; after the last one the parameters stay.
-
-    Raises
-    ------
-    InputError
-        If the model is no loop over time, or stands for another.
     """
 
     def __init__(self, model: Model, space: ParameterSpace, knots: int, every: float) -> None:
@@ -113,43 +73,15 @@ class DriftingModel(TraceableModel):
         return digest("DriftingModel", self.model.content_hash, self.space.content_hash, self.knots, self.every)
 
     def recording(self, *channels: str) -> DriftingModel:
-        """Return this model with other channels; see `Model.recording`.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        DriftingModel
-            The same model, recording them.
-        """
+        """Return this model with other channels; see `Model.recording`."""
         return DriftingModel(self.model.recording(*channels), self.space, self.knots, self.every)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse what the model cannot respond to; see `Model.check_excitation`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-        """
+        """Refuse what the model cannot respond to; see `Model.check_excitation`."""
         self.model.check_excitation(excitation)
 
     def at_knots(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run knot sampled_parameter"]:
-        """θ_j + d_j b_jk, within the support of the prior.
-
-        Parameters
-        ----------
-        theta : array, shape (run, parameter)
-            In the order of `free`.
-
-        Returns
-        -------
-        array, shape (run, knot, sampled parameter)
-            The parameters that drift, in SI.
-        """
+        """θ_j + d_j b_jk, within the support of the prior."""
         count = self.space.dimension
         mean, drift = theta[:, None, :count], theta[:, None, count : 2 * count]
         at = theta[:, 2 * count :].reshape(-1, count, self.knots).swapaxes(1, 2)
@@ -157,20 +89,7 @@ class DriftingModel(TraceableModel):
         return jnp.clip(mean + drift * at, low, high)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            What drives it.
-
-        Returns
-        -------
-        TimeLoop
-            The model's, each step with the parameters of its time.
-        """
+        """Give the loop over the record; see `TraceableModel.time_loop`."""
         at_knots = self.at_knots(theta)
         shares = _shares(excitation.stages.shape[0], excitation.dropped_samples, excitation.dt / self.every, self.knots)
 
@@ -193,19 +112,6 @@ def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
 
 
 def hats(at: Float[np.ndarray, " row"], knots: int) -> Float[np.ndarray, "row knot"]:
-    """Weights of linear interpolation between knots at 0, 1, 2, …; constant before the first and after the last.
-
-    Parameters
-    ----------
-    at : ndarray, shape (row,)
-        Places between the knots.
-    knots : int
-        Number of knots.
-
-    Returns
-    -------
-    ndarray, shape (row, knot)
-        Weights; each row adds up to one.
-    """
+    """Weights of linear interpolation between knots at 0, 1, 2, …; constant before the first and after the last."""
     at = np.clip(at, 0.0, knots - 1.0)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(knots))))

@@ -24,23 +24,14 @@ TRIED = (2, 4)
 
 @dataclass(frozen=True)
 class IntegrationError:
-    """Error of the integration of one run.
+    """Error of the integration of one run."""
 
-    Parameters
-    ----------
-    setting : str
-        What the number of steps is called, such as ``"substeps"``.
-    steps : int
-        Its value.
-    error : float
-        Largest difference from a run with eight times as many, in parts of the peak of the channel; infinite where the run fails.
-    wanted : int or None
-        The value with which the error is below the limit; None where even eight times as many steps do not follow the law.
-    """
-
-    setting: str
-    steps: int
+    setting: str  # What the number of steps is called, such as ``"substeps"``
+    steps: int  # Its value
+    # Largest difference from a run with eight times as many, in parts of the peak of the channel; infinite where the
+    # run fails
     error: float
+    # The value with which the error is below the limit; None where even eight times as many steps do not follow the law
     wanted: int | None
 
     @property
@@ -73,22 +64,7 @@ def _finer(model: Any, times: int) -> TraceableModel:
 def integration_error(
     model: TraceableModel, theta: Float[np.ndarray, "1 parameter"], excitation: Excitation
 ) -> IntegrationError | None:
-    """Compare a run with the same one in shorter steps.
-
-    Parameters
-    ----------
-    model : TraceableModel
-        The model.
-    theta : ndarray, shape (1, parameter)
-        Parameters in SI, in the order of `free`.
-    excitation : Excitation
-        What drives it.
-
-    Returns
-    -------
-    IntegrationError or None
-        None for a model whose steps are not counted.
-    """
+    """Compare a run with the same one in shorter steps."""
     setting = model.steps_setting
     if not setting:
         return None

@@ -13,27 +13,13 @@ from structid.probability.space import ParameterSpace
 
 @dataclass(frozen=True, eq=False)
 class ModelRequest:
-    """What a study asks of a model.
+    """What a study asks of a model."""
 
-    Parameters
-    ----------
-    given : mapping of str to object
-        The content of its table, with quantities in SI and without the keys that were left out.
-    space : ParameterSpace
-        The unknown parameters.
-    free : tuple of str
-        Those of them, and of the derived ones, that the model knows.
-    channels : tuple of str
-        What is measured or asked for.
-    folder : Path
-        Where relative paths start.
-    """
-
-    given: Mapping[str, Any]
-    space: ParameterSpace
-    free: tuple[str, ...]
-    channels: tuple[str, ...]
-    folder: Path
+    given: Mapping[str, Any]  # The content of its table, with quantities in SI and without the keys that were left out
+    space: ParameterSpace  # The unknown parameters
+    free: tuple[str, ...]  # Those of them, and of the derived ones, that the model knows
+    channels: tuple[str, ...]  # What is measured or asked for
+    folder: Path  # Where relative paths start
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,31 +13,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A film, which is long to draw and is written as it is drawn.
+    """A film, which is long to draw and is written as it is drawn."""
 
-    Parameters
-    ----------
-    write : callable
-        Writes it into a file of this name, a GIF.
-    """
-
-    write: Callable[[Path], object]
+    write: Callable[[Path], object]  # Writes it into a file of this name, a GIF
 
 
 @dataclass(frozen=True)
 class ModelPicture:
-    """One picture.
+    """One picture."""
 
-    Parameters
-    ----------
-    name : str
-        Of its file, without ending.
-    caption : str
-        What it shows.
-    draw : callable
-        Draws it.
-    """
-
-    name: str
-    caption: str
-    draw: Callable[[], Figure | Film]
+    name: str  # Of its file, without ending
+    caption: str  # What it shows
+    draw: Callable[[], Figure | Film]  # Draws it

@@ -35,52 +35,22 @@ class TracedExcitation:
 
     The first part is static: another kind, step or length compiles anew. The values are an argument of the compiled function. A
     model is given this and not the `Excitation`, so that it cannot keep the values of the record it was first compiled for.
-
-    Parameters
-    ----------
-    kind : str
-        How it acts, `Excitation.kind`.
-    dt : float
-        Time step [s].
-    samples : int
-        Its length.
-    lead_in_periods : int
-        Periods run and dropped first.
-    interpolation : {"linear", "smooth", "periodic"}
-        What goes on between samples.
-    identity : str
-        Hash of the whole excitation, for a model that knows only its own records; empty for others.
-    stages : jax.Array, shape (time + lead-in samples, substeps, 3)
-        Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The last row continues the
-        record straight: its start is the last sample, with its slope, and the steps from there on are nobody's.
     """
 
-    kind: str
-    dt: float
-    samples: int
-    lead_in_periods: int
-    interpolation: str
-    identity: str
+    kind: str  # How it acts, `Excitation.kind`
+    dt: float  # Time step [s]
+    samples: int  # Its length
+    lead_in_periods: int  # Periods run and dropped first
+    interpolation: str  # What goes on between samples
+    identity: str  # Hash of the whole excitation, for a model that knows only its own records; empty for others
+    # Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The last row
+    # continues the record straight: its start is the last sample, with its slope, and the steps from there on are
+    # nobody's
     stages: Any
 
     @classmethod
     def of(cls, excitation: Excitation, substeps: int, identified: bool = False) -> TracedExcitation:
-        """Take an excitation apart.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            The excitation.
-        substeps : int
-            Integration steps per sample.
-        identified : bool
-            Whether its hash is a part of what is compiled.
-
-        Returns
-        -------
-        TracedExcitation
-            Its two parts.
-        """
+        """Take an excitation apart."""
         return cls(
             excitation.kind,
             excitation.dt,
@@ -119,52 +89,17 @@ class Shortcut(ABC):
 
     @abstractmethod
     def for_runs(self, measurement: Int[Array, " run"]) -> Self:
-        """Give each run a measurement of its own.
-
-        Parameters
-        ----------
-        measurement : jax.Array of int, shape (run,)
-            Which one.
-
-        Returns
-        -------
-        Shortcut
-            Of as many measurements as there are runs.
-        """
+        """Give each run a measurement of its own."""
 
     @abstractmethod
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Sum over time of (measured − response)², inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of the model's `free`.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Sums (channel, run) and whether they are finite (run,).
-        """
+        """Sum over time of (measured − response)², inside JAX."""
 
     @abstractmethod
     def marginal_log_likelihood(
         self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
     ) -> tuple[Any, Any] | None:
-        """Log density of the measurement with independent errors, the model's own error integrated out, inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of the model's `free`.
-        variance : jax.Array, shape (channel, run)
-            Of the independent errors.
-
-        Returns
-        -------
-        tuple of jax.Array, or None
-            Log density and whether it is finite (run,); None for a model that does not know the law of its error.
-        """
+        """Log density of the measurement with independent errors, the model's own error integrated out, inside JAX."""
 
 
 class TraceableModel(Model):
@@ -366,27 +301,7 @@ class TraceableModel(Model):
 def as_traceable(
     model: Model, where: str, allowed: str = "a built-in model or a surrogate", cure: str = ""
 ) -> TraceableModel:
-    """Return a model that says it is traceable, as a `TraceableModel`; refuse any other.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    where : str
-        What needs derivatives, for the message.
-    allowed, cure : str
-        What is allowed, and what to do about it.
-
-    Returns
-    -------
-    TraceableModel
-        The same model.
-
-    Raises
-    ------
-    InputError
-        If the model has no derivatives.
-    """
+    """Return a model that says it is traceable, as a `TraceableModel`; refuse any other."""
     if not model.traceable:
         raise InputError(where, f"a {type(model).__name__}, which has no derivatives", allowed, cure)
     return cast(TraceableModel, model)

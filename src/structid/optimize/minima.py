@@ -132,26 +132,7 @@ def collect(
     values: Float[np.ndarray, " start"],
     evaluations: int,
 ) -> OptimizeResult:
-    """Group the end points of a search into distinct minima.
-
-    Parameters
-    ----------
-    method : str
-        Name of the search.
-    objective : Objective
-        Gives names, units and scale.
-    where : Region
-        The region.
-    x, values : ndarray, shape (start, parameter) and (start,)
-        End points in scaled coordinates, and the objective there.
-    evaluations : int
-        Number of model runs.
-
-    Returns
-    -------
-    OptimizeResult
-        The result.
-    """
+    """Group the end points of a search into distinct minima."""
     left = list(np.argsort(values, kind="stable"))
     minima = []
     while left:

@@ -30,102 +30,37 @@ class Objective(Protocol):
         ...
 
     def linearised(self, theta: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, gradients and positive semi-definite curvatures.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of ndarray
-            (run,), (run, parameter), (run, parameter, parameter).
-        """
+        """Values, gradients and positive semi-definite curvatures."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the box 0 ≤ x ≤ 1.
+    """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the box 0 ≤ x ≤ 1."""
 
-    Parameters
-    ----------
-    low, width : ndarray, shape (parameter,)
-        Lower bounds and widths of the box in SI.
-    matrix, limit : ndarray, shape (constraint, parameter) and (constraint,)
-        A with rows of unit length, and b.
-    faces : tuple of str
-        Name of each constraint: the parameter for the box, else the inequality.
-    """
-
-    low: Float[np.ndarray, " parameter"]
-    width: Float[np.ndarray, " parameter"]
-    matrix: Float[np.ndarray, "constraint parameter"]
-    limit: Float[np.ndarray, " constraint"]
-    faces: tuple[str, ...]
+    low: Float[np.ndarray, " parameter"]  # Lower bounds and widths of the box in SI
+    width: Float[np.ndarray, " parameter"]  # Lower bounds and widths of the box in SI
+    matrix: Float[np.ndarray, "constraint parameter"]  # A with rows of unit length, and b
+    limit: Float[np.ndarray, " constraint"]  # A with rows of unit length, and b
+    faces: tuple[str, ...]  # Name of each constraint: the parameter for the box, else the inequality
 
     def to_theta(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Convert scaled coordinates to SI.
-
-        Parameters
-        ----------
-        x : ndarray, shape (..., parameter)
-            Scaled coordinates.
-
-        Returns
-        -------
-        ndarray, shape (..., parameter)
-            Parameters θ in SI.
-        """
+        """Convert scaled coordinates to SI."""
         theta: np.ndarray = self.low + x * self.width
         return theta
 
     def to_scaled(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Convert SI to scaled coordinates.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (..., parameter)
-            Parameters θ in SI.
-
-        Returns
-        -------
-        ndarray, shape (..., parameter)
-            Scaled coordinates.
-        """
+        """Convert SI to scaled coordinates."""
         x: np.ndarray = (np.asarray(theta) - self.low) / self.width
         return x
 
     def slack(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... constraint"]:
-        """Distance to every constraint, b − A x.
-
-        Parameters
-        ----------
-        x : ndarray, shape (..., parameter)
-            Scaled coordinates.
-
-        Returns
-        -------
-        ndarray, shape (..., constraint)
-            Non-negative where x is feasible.
-        """
+        """Distance to every constraint, b − A x."""
         slack: np.ndarray = self.limit - x @ self.matrix.T
         return slack
 
     def longest_step(self, x: Float[np.ndarray, " parameter"], direction: Float[np.ndarray, " parameter"]) -> float:
-        """Longest step along a direction that stays inside the region.
-
-        Parameters
-        ----------
-        x, direction : ndarray, shape (parameter,)
-            A feasible point and a direction.
-
-        Returns
-        -------
-        float
-            The largest t ≥ 0 with x + t · direction feasible.
-        """
+        """Longest step along a direction that stays inside the region."""
         rate = self.matrix @ direction
         leaving = rate > 1e-14 * np.abs(direction).max(initial=1e-300)
         if not leaving.any():
@@ -133,23 +68,7 @@ class Region:
         return float(max((self.slack(x)[leaving] / rate[leaving]).min(), 0.0))
 
     def interior_starts(self, count: int, seed: int) -> Float[np.ndarray, "count parameter"]:
-        """Latin hypercube points well inside the region.
-
-        Parameters
-        ----------
-        count, seed : int
-            Number of points, and the seed.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            Scaled coordinates.
-
-        Raises
-        ------
-        InputError
-            If almost no point of the box satisfies the constraints.
-        """
+        """Latin hypercube points well inside the region."""
         dimension = self.low.size
         for oversampling in (1, 4, 16, 64, 256):
             x = 0.01 + 0.98 * unit_design(
@@ -166,28 +85,7 @@ class Region:
 
 
 def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, constraints: Sequence[str]) -> Region:
-    """Build the region for an objective.
-
-    Parameters
-    ----------
-    objective : Objective
-        Gives names and default bounds by its space.
-    bounds : dict of str to pair of float, optional
-        Bounds in SI that replace the support of the prior. By default an unbounded prior is cut at its 1e-4 and 1 − 1e-4
-        quantiles.
-    constraints : sequence of str
-        Linear inequalities in SI, such as ``"gamma <= beta"`` or ``"-beta <= gamma"``.
-
-    Returns
-    -------
-    Region
-        The region.
-
-    Raises
-    ------
-    InputError
-        If a bound has an unknown name or is empty, or a constraint is not a linear inequality.
-    """
+    """Build the region for an objective."""
     space, names = objective.space, objective.names
     box = np.array([m.support for m in space.marginals.values()])
     tails = np.array([m.quantile(np.array([1e-4, 1 - 1e-4])) for m in space.marginals.values()])
@@ -235,27 +133,7 @@ def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
 
 
 def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> Float[np.ndarray, "start parameter"]:
-    """Scaled starting points: drawn, or given and checked.
-
-    Parameters
-    ----------
-    where : Region
-        The region.
-    starts : int or ndarray, shape (start, parameter)
-        Number of points to draw, or the points in SI.
-    seed : int
-        Seed.
-
-    Returns
-    -------
-    ndarray, shape (start, parameter)
-        Scaled coordinates of feasible points.
-
-    Raises
-    ------
-    InputError
-        If a given point violates a bound or a constraint.
-    """
+    """Scaled starting points: drawn, or given and checked."""
     if isinstance(starts, (int, np.integer)):
         return where.interior_starts(int(starts), seed)
     x = where.to_scaled(np.atleast_2d(starts))

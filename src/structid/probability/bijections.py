@@ -18,39 +18,17 @@ class Scatter(NamedTuple):
 
     Data that know x_k know b_k only through μ and d, and a sampler would have to follow a curved ridge. So the coordinates are
     those of x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
-
-    Parameters
-    ----------
-    mean, sd : int
-        Places of μ and d among the parameters.
-    members : tuple of int
-        Places of b_k, which have no bounds.
-    centre, scale : float
-        x_k = centre + scale φ_k.
     """
 
-    mean: int
-    sd: int
-    members: tuple[int, ...]
-    centre: float
-    scale: float
+    mean: int  # Places of μ and d among the parameters
+    sd: int  # Places of μ and d among the parameters
+    members: tuple[int, ...]  # Places of b_k, which have no bounds
+    centre: float  # x_k = centre + scale φ_k
+    scale: float  # x_k = centre + scale φ_k
 
 
 class Bijection:
-    """Map from ℝᵈ to a box: logistic for a coordinate with two bounds, exponential for one bound, a scale for none.
-
-    Parameters
-    ----------
-    bounds : ndarray, shape (parameter, 2)
-        Smallest and largest value; infinite for no bound.
-    scales : ndarray, shape (parameter,), optional
-        Scale of each coordinate without bounds; 1 by default.
-    scatters : sequence of Scatter
-        Parameters whose coordinates go with those of others.
-    logarithmic : sequence of int
-        Parameters with two bounds above 0 whose coordinate is their logarithm all the same: beyond a bound the density must be 0.
-        A ridge along a product of parameters is straight in these, and bent by the logistic map.
-    """
+    """Map from ℝᵈ to a box: logistic for a coordinate with two bounds, exponential for one bound, a scale for none."""
 
     def __init__(
         self,
@@ -86,18 +64,7 @@ class Bijection:
         return has_low & has_high, has_low & ~has_high, has_high & ~has_low
 
     def forward(self, phi: Float[Array, "... parameter"]) -> tuple[Any, Any]:
-        """Map ℝᵈ to the box, inside JAX.
-
-        Parameters
-        ----------
-        phi : jax.Array, shape (..., parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Points of the box (..., parameter) and the log determinant of the Jacobian (...).
-        """
+        """Map ℝᵈ to the box, inside JAX."""
         from structid.engine.device import jnp
 
         points, jacobian = [], jnp.zeros(phi.shape[:-1])
@@ -113,18 +80,7 @@ class Bijection:
         return jnp.stack(points, axis=-1), jacobian
 
     def __call__(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map ℝᵈ to the box, on the host; `forward` without JAX, which would take ten times as long for some points.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray
-            Points of the box (run, parameter) and the log determinant of the Jacobian (run,).
-        """
+        """Map ℝᵈ to the box, on the host; `forward` without JAX, which would take ten times as long for some points."""
         x = phi * self.scales
         if not np.isfinite(self.bounds).any():
             return x, np.full(len(phi), np.log(self.scales).sum())
@@ -149,18 +105,7 @@ class Bijection:
         return theta, jacobian
 
     def inverse(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Map the inside of the box to ℝᵈ, on the host.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (..., parameter)
-            Points inside the box.
-
-        Returns
-        -------
-        ndarray, shape (..., parameter)
-            Unconstrained coordinates; NaN for a point outside.
-        """
+        """Map the inside of the box to ℝᵈ, on the host."""
         between, above, below = self._kinds
         low, high = self._walls.T
         theta = np.asarray(theta, dtype=np.float64)

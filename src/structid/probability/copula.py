@@ -16,25 +16,7 @@ from structid.core.errors import InputError, suggestion
 def correlation_matrix(
     given: Mapping[tuple[str, str], float] | np.ndarray | None, names: Sequence[str]
 ) -> Float[np.ndarray, "parameter parameter"] | None:
-    """Build and check the correlation matrix of a Gaussian copula.
-
-    Parameters
-    ----------
-    given : mapping of pair of str to float, or ndarray (parameter, parameter), or None
-        Correlations of pairs of parameters, or the whole matrix.
-    names : sequence of str
-        Names of the parameters.
-
-    Returns
-    -------
-    ndarray, shape (parameter, parameter), or None
-        The matrix; None for independent parameters.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or the matrix is not a positive definite correlation matrix.
-    """
+    """Build and check the correlation matrix of a Gaussian copula."""
     if given is None or len(names) == 0:
         return None
     matrix = _of_pairs(given, names) if isinstance(given, Mapping) else np.array(given, dtype=np.float64)
@@ -71,20 +53,7 @@ def _of_pairs(given: Mapping[tuple[str, str], float], names: Sequence[str]) -> n
 def correlated(
     u: Float[np.ndarray, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"]
 ) -> Float[np.ndarray, "... parameter"]:
-    """Correlate independent uniform numbers, Φ(L Φ⁻¹(u)) with R = L Lᵀ.
-
-    Parameters
-    ----------
-    u : ndarray, shape (..., parameter)
-        Independent uniform numbers.
-    correlation : ndarray, shape (parameter, parameter)
-        Correlation matrix R.
-
-    Returns
-    -------
-    ndarray, shape (..., parameter)
-        Uniform numbers with the Gaussian copula.
-    """
+    """Correlate independent uniform numbers, Φ(L Φ⁻¹(u)) with R = L Lᵀ."""
     z = scipy.special.ndtri(u) @ np.linalg.cholesky(correlation).T
     result: np.ndarray = scipy.special.ndtr(z)
     return result
@@ -93,20 +62,7 @@ def correlated(
 def decorrelated(
     u: Float[np.ndarray, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"]
 ) -> Float[np.ndarray, "... parameter"]:
-    """Make correlated uniform numbers independent, Φ(L⁻¹ Φ⁻¹(u)); the inverse of `correlated`.
-
-    Parameters
-    ----------
-    u : ndarray, shape (..., parameter)
-        Uniform numbers with the Gaussian copula.
-    correlation : ndarray, shape (parameter, parameter)
-        Correlation matrix R.
-
-    Returns
-    -------
-    ndarray, shape (..., parameter)
-        Independent uniform numbers.
-    """
+    """Make correlated uniform numbers independent, Φ(L⁻¹ Φ⁻¹(u)); the inverse of `correlated`."""
     z = np.linalg.solve(np.linalg.cholesky(correlation), scipy.special.ndtri(u)[..., None])[..., 0]
     result: np.ndarray = scipy.special.ndtr(z)
     return result
@@ -115,21 +71,6 @@ def decorrelated(
 def copula_log_density(
     z: Float[Array, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"], numpy: Any
 ) -> Float[Array, " ..."]:
-    """Log density of the Gaussian copula, log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z.
-
-    Parameters
-    ----------
-    z : array, shape (..., parameter)
-        Normal scores, NumPy or JAX.
-    correlation : ndarray, shape (parameter, parameter)
-        Correlation matrix R.
-    numpy : module
-        NumPy or jax.numpy, whichever made `z`.
-
-    Returns
-    -------
-    array, shape (...)
-        Log density.
-    """
+    """Log density of the Gaussian copula, log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z."""
     excess = np.linalg.inv(correlation) - np.eye(len(correlation))
     return -0.5 * np.linalg.slogdet(correlation)[1] - 0.5 * numpy.einsum("...i,ij,...j->...", z, excess, z)

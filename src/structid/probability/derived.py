@@ -15,27 +15,7 @@ Derivation = Callable[[Mapping[str, Any]], Any]
 def derivations(
     sources: Mapping[str, Derivation | str], sampled: Sequence[str], called: str = "derived"
 ) -> dict[str, Derivation]:
-    """Turn the sources of derived parameters into functions, and check their names.
-
-    Parameters
-    ----------
-    sources : mapping of str to callable or str
-        Function or expression of each derived parameter; it may use the sampled parameters and earlier derived ones.
-    sampled : sequence of str
-        Names of the sampled parameters.
-    called : str
-        What they are, for messages.
-
-    Returns
-    -------
-    dict of str to callable
-        The functions, in the same order.
-
-    Raises
-    ------
-    InputError
-        If a derived parameter also has a prior, or its expression uses a name that is not known yet.
-    """
+    """Turn the sources of derived parameters into functions, and check their names."""
     functions: dict[str, Derivation] = {}
     for name, source in sources.items():
         if name in sampled:

@@ -144,22 +144,7 @@ class Design:
 
 
 def unit_design(count: int, dimension: int, seed: int, method: str) -> Float[np.ndarray, "count dimension"]:
-    """Design of experiments in the unit cube.
-
-    Parameters
-    ----------
-    count, dimension : int
-        Number of points and of coordinates.
-    seed : int
-        Seed.
-    method : {"latin_hypercube", "maximin", "sobol", "random"}
-        How to place the points.
-
-    Returns
-    -------
-    ndarray, shape (count, dimension)
-        Points strictly inside the cube.
-    """
+    """Design of experiments in the unit cube."""
     check_choice("sample: method", method, METHODS)
     if count < 1:
         raise InputError("sample: count", f"{count}", "1 or more")
@@ -183,18 +168,7 @@ def _generator(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def smallest_distance(points: Float[np.ndarray, "point coordinate"]) -> float:
-    """Smallest distance between two points of a design.
-
-    Parameters
-    ----------
-    points : ndarray, shape (point, coordinate)
-        The design.
-
-    Returns
-    -------
-    float
-        The distance.
-    """
+    """Smallest distance between two points of a design."""
     return float(scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1].min())
 
 

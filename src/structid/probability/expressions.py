@@ -22,25 +22,7 @@ _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "abs")
 
 
 def parse_expression(text: str, where: str) -> tuple[Callable[[Mapping[str, Any]], Any], tuple[str, ...]]:
-    """Turn an arithmetic expression into a function of named arrays.
-
-    Parameters
-    ----------
-    text : str
-        Numbers, names, ``+ - * / **``, brackets and sqrt, exp, log, sin, cos, tan, abs.
-    where : str
-        The key or argument, for the message.
-
-    Returns
-    -------
-    tuple of callable and tuple of str
-        A function of a mapping from names to NumPy or JAX arrays, and the names that it needs.
-
-    Raises
-    ------
-    InputError
-        If the text contains anything else.
-    """
+    """Turn an arithmetic expression into a function of named arrays."""
     try:
         tree = ast.parse(text, mode="eval").body
     except SyntaxError as cause:

@@ -13,16 +13,6 @@ def probability_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities p and weights w with ∫₀¹ f(p) dp = Σ w f(p), close together in both tails, where quantile functions are steep.
 
     Gauss and Legendre's rule in φ, with p = sin²(φ).
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    tuple of ndarray, shape (node,)
-        p and w; they cannot be written to.
     """
     nodes, weights = scipy.special.roots_legendre(count)
     angle = 0.25 * np.pi * (nodes + 1.0)

@@ -10,16 +10,6 @@ def ranks(values: np.ndarray) -> np.ndarray:
 
     What `scipy.stats.rankdata` returns, in less than half of its time: the order of equal numbers does not matter here, and a sort
     that does not keep it takes a sixth of one that does.
-
-    Parameters
-    ----------
-    values : ndarray
-        Any shape; all are ranked together. No NaN.
-
-    Returns
-    -------
-    ndarray
-        Ranks in the same shape.
     """
     flat = np.ravel(values)
     order = np.argsort(flat)

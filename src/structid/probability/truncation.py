@@ -26,18 +26,7 @@ SMALLEST_MASS = 1e-6
 
 
 def out_of_order(low: float, high: float) -> str:
-    """Say what to do about bounds of which the lower is not below the upper.
-
-    Parameters
-    ----------
-    low, high : float
-        The bounds.
-
-    Returns
-    -------
-    str
-        The cure; empty where one is not a finite number.
-    """
+    """Say what to do about bounds of which the lower is not below the upper."""
     if low > high:
         return "Exchange them."
     return "A value that is known belongs in the model." if low == high else ""

@@ -18,18 +18,6 @@ def corrected_share(
     The first mean is over all N draws, the second, d̄, over m of them. q is the share of those on which surrogate and model
     disagree. In the variance p and q are (k + ½)/(n + 1) of k among n: runs without a passage, or without a disagreement, do not
     tell that there is none.
-
-    Parameters
-    ----------
-    found : ndarray, shape (draw,)
-        1 where a draw passes, 0 where not, by the surrogate; NaN where it is not known.
-    checked, true : ndarray, shape (check,)
-        The same of some draws by the surrogate and by the model; empty where `found` is the model's.
-
-    Returns
-    -------
-    tuple of float
-        The share, between 0 and 1, and its standard error.
     """
     known = found[np.isfinite(found)]
     if not len(known):

@@ -92,38 +92,14 @@ class PassageProbability(ShownAsText):
 
 
 def coordinate_names(space: ParameterSpace) -> tuple[str, ...]:
-    """Names of the coordinates of a space, or of its parameters where it has none.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The space.
-
-    Returns
-    -------
-    tuple of str
-        Names.
-    """
+    """Names of the coordinates of a space, or of its parameters where it has none."""
     return space.coordinates or space.names
 
 
 def coordinates_of(
     space: ParameterSpace, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, "run coordinate"]:
-    """Coordinates of points, or the points where a space has no coordinates.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The space.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-
-    Returns
-    -------
-    ndarray, shape (run, coordinate)
-        Their coordinates.
-    """
+    """Coordinates of points, or the points where a space has no coordinates."""
     theta = np.asarray(theta, dtype=float)
     return np.asarray(space.in_coordinates(theta)) if space.coordinates else theta
 

@@ -23,26 +23,7 @@ def fitted_stand_in(
     channel: str,
     settings: SurrogateSettings,
 ) -> Surrogate | None:
-    """Fit a surrogate to true runs at draws.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        On the true model.
-    draws : ndarray, shape (draw, parameter)
-        Of the posterior in SI.
-    record : GroundMotion
-        What drives it.
-    channel : str
-        What must be known besides what was measured.
-    settings : SurrogateSettings
-        Of the surrogate.
-
-    Returns
-    -------
-    Surrogate or None
-        For that record alone. Runs that failed are left out of it; None if too few are left.
-    """
+    """Fit a surrogate to true runs at draws."""
     measured = tuple(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     channels = tuple(dict.fromkeys((*measured, channel)))
     space = posterior.model_space

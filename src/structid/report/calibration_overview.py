@@ -12,18 +12,7 @@ from structid.report.tables import moments, number, versions_table
 
 
 def posterior_table(material: PosteriorMaterial) -> Rows:
-    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What the study leaves.
-
-    Returns
-    -------
-    tuple of list
-        Heads and rows, in display units.
-    """
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them."""
     summary = material.summary
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust, spread = "robust_sd" in summary.columns, material.result.robust
@@ -53,18 +42,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
 
 
 def derived_table(material: PosteriorMaterial) -> Rows | None:
-    """Mean, sd, 5-95 % and truth of what follows from the parameters, and the standard deviations of the errors.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What the study leaves.
-
-    Returns
-    -------
-    tuple of list or None
-        Heads and rows, in display units; None where the model says nothing of it.
-    """
+    """Mean, sd, 5-95 % and truth of what follows from the parameters, and the standard deviations of the errors."""
     draws, weights = material.weighted_draws
     model, truth = material.true_posterior.model, material.truths[0]
     found = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
@@ -89,20 +67,7 @@ def derived_table(material: PosteriorMaterial) -> Rows | None:
 
 
 def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
-    """Settings, versions and timings.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What the study leaves.
-    timings : dict of str to float
-        Seconds of every stage.
-
-    Returns
-    -------
-    tuple of list
-        Heads and rows.
-    """
+    """Settings, versions and timings."""
     result, sampler = material.result, material.result.sampler
     steps, ensembles, walkers = result.history.shape[:3]
     rows = [
@@ -115,18 +80,7 @@ def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
 
 
 def sentence(material: PosteriorMaterial) -> str:
-    """Say in one sentence what was done.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What the study leaves.
-
-    Returns
-    -------
-    str
-        The sentence.
-    """
+    """Say in one sentence what was done."""
     posterior, surrogate = material.posterior, material.surrogate
     through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
     records = ", ".join(o.record.name for o in posterior.observations)

@@ -22,33 +22,14 @@ NICENESS = 10
 
 
 class LiveFolder:
-    """Tests of a programme, as far as they are in its folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-    """
+    """Tests of a programme, as far as they are in its folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._points: dict[str, LivePoints] = {}
 
     def state(self, test: str, moves: int, steps: int) -> dict[str, Any]:
-        """Say what is going on.
-
-        Parameters
-        ----------
-        test : str
-            Which test the browser shows.
-        moves, steps : int
-            What it knows of it.
-
-        Returns
-        -------
-        dict
-            Names of the tests that have ended, and of the one that runs, with what is new of it.
-        """
+        """Say what is going on."""
         ended, running = tests_in(self.folder), tests_in(self.folder, JOURNAL)
         report = (self.folder / PAGE).exists()
         if not running:
@@ -64,23 +45,7 @@ class LiveFolder:
 
 
 def application(folder: Path) -> Any:
-    """Make the application.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-
-    Returns
-    -------
-    starlette.applications.Starlette
-        Read-only, for this machine.
-
-    Raises
-    ------
-    InputError
-        If Starlette is not installed.
-    """
+    """Make the application."""
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
@@ -110,15 +75,7 @@ def application(folder: Path) -> Any:
 
 
 def serve(folder: Path, port: int) -> None:
-    """Serve the page until killed.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-    port : int
-        On the loopback.
-    """
+    """Serve the page until killed."""
     app = application(folder)
     import uvicorn
 
@@ -128,25 +85,7 @@ def serve(folder: Path, port: int) -> None:
 
 @contextlib.contextmanager
 def live(folder: Path, port: int) -> Iterator[str]:
-    """Serve the page in a process of its own while something goes on here.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the programme.
-    port : int
-        On the loopback.
-
-    Yields
-    ------
-    str
-        Address of the page.
-
-    Raises
-    ------
-    InputError
-        If what it needs is not installed.
-    """
+    """Serve the page in a process of its own while something goes on here."""
     application(folder)
     child = subprocess.Popen([sys.executable, "-m", __name__, str(folder), str(port)])
     try:

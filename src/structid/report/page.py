@@ -33,24 +33,7 @@ COMPARISON_PAGE = "comparison.html"
 def write_posterior_report(
     material: PosteriorMaterial, drawn: Sequence[DrawnSection], folder: Path, timings: dict[str, float]
 ) -> Path:
-    """Write ``report.html`` of a calibration, with every figure inside it.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What the study leaves.
-    drawn : sequence of DrawnSection
-        Drawn into ``folder/figures``.
-    folder : Path
-        Where the page goes.
-    timings : dict of str to float
-        Seconds of every stage.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of a calibration, with every figure inside it."""
     discrepancy = material.posterior.discrepancy
     return _write(
         "report.html",
@@ -85,22 +68,7 @@ def _doubt(verdict: Verdict) -> str:
 
 
 def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, float]) -> Path:
-    """Write ``report.html`` of a study that has runs and nothing measured.
-
-    Parameters
-    ----------
-    material : RunsMaterial
-        What the study leaves.
-    folder : Path
-        Where the page goes.
-    timings : dict of str to float
-        Seconds of every stage.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of a study that has runs and nothing measured."""
     runs = material.runs
     assert runs is not None
     records = ", ".join(r.name for r in runs.records)
@@ -119,24 +87,7 @@ def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, f
 def write_programme_report(
     material: ProgrammeMaterial, folder: Path, timings: dict[str, float], progress: Progress | None = None
 ) -> Path:
-    """Write ``report.html`` of a programme of hybrid tests.
-
-    Parameters
-    ----------
-    material : ProgrammeMaterial
-        What it leaves.
-    folder : Path
-        Where the page goes.
-    timings : dict of str to float
-        Seconds of every stage.
-    progress : callable, optional
-        Called with the number of figures drawn and the total.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of a programme of hybrid tests."""
     programme = material.programme
     return _write(
         "programme.html",
@@ -151,22 +102,7 @@ def write_programme_report(
 
 
 def write_certificate_report(material: CertificateMaterial, folder: Path, timings: dict[str, float]) -> Path:
-    """Write ``report.html`` of the certificate of somebody's draws.
-
-    Parameters
-    ----------
-    material : CertificateMaterial
-        The certificate, and where the draws came from.
-    folder : Path
-        Where the page goes.
-    timings : dict of str to float
-        Seconds of every stage.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of the certificate of somebody's draws."""
     return _write(
         "certificate.html",
         folder,
@@ -180,22 +116,7 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
 
 
 def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progress | None = None) -> Path:
-    """Write ``comparison.html``: model classes of one measurement side by side.
-
-    Parameters
-    ----------
-    material : ComparisonMaterial
-        The classes.
-    folder : Path
-        Where the page goes; made if it is not there.
-    progress : callable, optional
-        Called with the number of figures drawn and the total.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``comparison.html``: model classes of one measurement side by side."""
     believed, further = comparison_headline(material)
     observations, count = material.observations, len(material.classes)
     channels, records = (
@@ -246,18 +167,7 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, converged: bool = True)
 
 
 def template(name: str) -> jinja2.Template:
-    """Load a template of a page.
-
-    Parameters
-    ----------
-    name : str
-        Its file.
-
-    Returns
-    -------
-    jinja2.Template
-        In which every name must be known.
-    """
+    """Load a template of a page."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("structid", "report/templates"), autoescape=True, undefined=jinja2.StrictUndefined
     )

@@ -28,43 +28,21 @@ TIED = 0.9
 
 @dataclass(frozen=True)
 class Believed:
-    """An answer to one part of the question whether to believe the numbers.
+    """An answer to one part of the question whether to believe the numbers."""
 
-    Parameters
-    ----------
-    about : str
-        What it is about.
-    trust : str
-        ``"good"``, ``"doubtful"`` or ``"bad"``.
-    said : str
-        The answer, in few words.
-    """
-
-    about: str
-    trust: Trust
-    said: str
+    about: str  # What it is about
+    trust: Trust  # ``"good"``, ``"doubtful"`` or ``"bad"``
+    said: str  # The answer, in few words
 
 
 @dataclass(frozen=True)
 class Headline(ShownAsText):
-    """The first screen.
+    """The first screen."""
 
-    Parameters
-    ----------
-    parameters : list of LearntParameter
-        Of the model.
-    believed : list of Believed
-        The sampling, the surrogate, the model.
-    unsaid : list of str
-        What the data do not say, one sentence each.
-    further : list of str
-        What to do next, one sentence each, the most important first.
-    """
-
-    parameters: list[LearntParameter]
-    believed: list[Believed]
-    unsaid: list[str]
-    further: list[str]
+    parameters: list[LearntParameter]  # Of the model
+    believed: list[Believed]  # The sampling, the surrogate, the model
+    unsaid: list[str]  # What the data do not say, one sentence each
+    further: list[str]  # What to do next, one sentence each, the most important first
 
     @property
     def elsewhere(self) -> bool:
@@ -110,35 +88,13 @@ class Headline(ShownAsText):
 
 
 def headline(material: PosteriorMaterial) -> Headline:
-    """Put the first screen together.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What a calibration leaves.
-
-    Returns
-    -------
-    Headline
-        The same in any study.
-    """
+    """Put the first screen together."""
     parameters = learnt_parameters(material)
     return Headline(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
 
 
 def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:
-    """Answer whether to believe a comparison, and say what to do next.
-
-    Parameters
-    ----------
-    material : ComparisonMaterial
-        The classes.
-
-    Returns
-    -------
-    tuple of list of Believed and list of str
-        An answer for each class, and sentences.
-    """
+    """Answer whether to believe a comparison, and say what to do next."""
     believed = [_of_a_class(one) for one in material.classes]
     unfinished = [one.name for one in material.classes if not one.figures.trusted]
     best = material.best

@@ -19,40 +19,20 @@ M = TypeVar("M", contravariant=True)
 
 @dataclass(frozen=True)
 class Table:
-    """A table under its caption.
+    """A table under its caption."""
 
-    Parameters
-    ----------
-    caption : str
-        What it shows.
-    rows : tuple of list
-        Heads and rows.
-    of_words : bool
-        Whether its cells are words, to be set to the left and broken.
-    """
-
-    caption: str
-    rows: Rows
-    of_words: bool = False
+    caption: str  # What it shows
+    rows: Rows  # Heads and rows
+    of_words: bool = False  # Whether its cells are words, to be set to the left and broken
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure of a section.
+    """A figure of a section."""
 
-    Parameters
-    ----------
-    name : str
-        Of its file, without ending.
-    caption : str
-        What it shows.
-    drawn : Figure or Film
-        The figure, not saved yet; or what can write a film.
-    """
-
-    name: str
-    caption: str
-    drawn: Figure | Film
+    name: str  # Of its file, without ending
+    caption: str  # What it shows
+    drawn: Figure | Film  # The figure, not saved yet; or what can write a film
 
 
 NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."
@@ -63,18 +43,7 @@ Drawing = Callable[[], Picture]
 
 
 def nothing(material: object) -> list[Any]:
-    """Words or tables of a section that has none.
-
-    Parameters
-    ----------
-    material : object
-        Not looked at.
-
-    Returns
-    -------
-    list
-        Empty.
-    """
+    """Words or tables of a section that has none."""
     return []
 
 

@@ -18,20 +18,7 @@ NOTHING = 1e-3
 
 
 def number(value: float, error: float | None = None) -> str:
-    """A number with two digits of its uncertainty, or four significant digits.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    error : float, optional
-        Its uncertainty.
-
-    Returns
-    -------
-    str
-        Such as ``"5.350"`` for 5.34972 ± 0.012.
-    """
+    """A number with two digits of its uncertainty, or four significant digits."""
     if not np.isfinite(value):
         return "–"
     if error is None or not np.isfinite(error) or error <= 0:
@@ -46,20 +33,7 @@ def number(value: float, error: float | None = None) -> str:
 def moments(
     values: Float[np.ndarray, "draw ..."], weights: Float[np.ndarray, " draw"] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, standard deviation, 5 and 95 % quantiles of draws.
-
-    Parameters
-    ----------
-    values : ndarray, shape (draw, ...)
-        The draws.
-    weights : ndarray, shape (draw,), or None
-        How much each counts, where they do not count alike.
-
-    Returns
-    -------
-    tuple of ndarray
-        Each of shape (...).
-    """
+    """Mean, standard deviation, 5 and 95 % quantiles of draws."""
     mean = np.average(values, axis=0, weights=weights)
     sd = np.sqrt(np.average((values - mean) ** 2, axis=0, weights=weights))
     low, high = np.quantile(values, [0.05, 0.95], axis=0, weights=weights, method="inverted_cdf")
@@ -67,54 +41,19 @@ def moments(
 
 
 def percent(share: float) -> str:
-    """A share in per cent, with two digits.
-
-    Parameters
-    ----------
-    share : float
-        The share.
-
-    Returns
-    -------
-    str
-        Such as ``"0.24 %"`` or ``"130 %"``.
-    """
+    """A share in per cent, with two digits."""
     value = 100.0 * share
     return f"{value:.0f} %" if abs(value) >= 10.0 else f"{value:.2g} %"
 
 
 def in_display_unit(value: float, channel: str) -> str:
-    """A value of a channel with its unit.
-
-    Parameters
-    ----------
-    value : float
-        In SI.
-    channel : str
-        Whose.
-
-    Returns
-    -------
-    str
-        Such as ``"65 mm"``.
-    """
+    """A value of a channel with its unit."""
     unit = standard_unit(channel).display
     return f"{value / factor(unit):g} {pretty_unit(unit)}".strip()
 
 
 def versions_table(timings: dict[str, float]) -> Rows:
-    """Times, versions and machine.
-
-    Parameters
-    ----------
-    timings : dict of str to float
-        Seconds of every stage.
-
-    Returns
-    -------
-    tuple of list
-        Heads and rows.
-    """
+    """Times, versions and machine."""
     rows = [
         *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
         [

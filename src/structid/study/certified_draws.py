@@ -32,34 +32,7 @@ def certify_draws(
     stage: Stage = silent,
     executor: Any = None,
 ) -> tuple[Certificate, Path]:
-    """Certify draws in a file against a study's model, measurements and priors.
-
-    Parameters
-    ----------
-    path : path-like
-        The study file.
-    draws : path-like
-        A netCDF file of the ArviZ schema, or a CSV with a column for each parameter. If the group ``sample_stats`` has a variable
-        ``log_density``, that is log q at the draws, with respect to the parameters in SI; otherwise a density is fitted.
-    out : path-like
-        Folder for the true runs, ``certificate.json`` and ``report.html``. A killed certificate goes on from there.
-    true_runs, look
-        As in `certify`.
-    stage : callable
-        Opens a progress bar for a named stage.
-    executor : None, str or object
-        Where the runs of an external model are done; see `Campaign.run`.
-
-    Returns
-    -------
-    tuple of Certificate and Path
-        The certificate, and the page.
-
-    Raises
-    ------
-    InputError
-        If the study has no observation, or these are no draws of its parameters.
-    """
+    """Certify draws in a file against a study's model, measurements and priors."""
     began = time.perf_counter()
     study, folder = load(path), Path(out)
     if study.posterior is None:

@@ -33,27 +33,7 @@ _EVIDENCE = "evidence.h5"
 def compare_studies(
     folders: Sequence[str | Path], out: str | Path | None = None, stage: Stage = silent
 ) -> tuple[Comparison, Path | None]:
-    """Compare finished studies of the same measurement.
-
-    Parameters
-    ----------
-    folders : sequence of path-like
-        Folders that `run_study` has filled, two or more.
-    out : path-like, optional
-        A folder for a page with their predictions side by side.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    tuple of Comparison and Path or None
-        The figures, and the page.
-
-    Raises
-    ------
-    InputError
-        If there are too few, one is not finished, or they are of different measurements.
-    """
+    """Compare finished studies of the same measurement."""
     paths = [Path(f) for f in folders]
     if len(paths) < 2:
         raise InputError("compare", f"{len(paths)} folder", "two or more that structid run has filled")
@@ -64,24 +44,7 @@ def compare_studies(
 def compare_outcomes(
     paths: Sequence[Path], outcomes: Sequence[StudyOutcome], out: str | Path | None = None, stage: Stage = silent
 ) -> tuple[Comparison, Path | None]:
-    """Compare what studies of the same measurement have found.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Their folders.
-    outcomes : sequence of StudyOutcome
-        What they have found.
-    out : path-like, optional
-        A folder for a page with their predictions side by side.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    tuple of Comparison and Path or None
-        The figures, and the page.
-    """
+    """Compare what studies of the same measurement have found."""
     classes = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in its own study

@@ -39,27 +39,13 @@ PAGE = 14.0
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a study, and what it will take.
+    """A part of a study, and what it will take."""
 
-    Parameters
-    ----------
-    what : str
-        In words.
-    seconds : float
-        On this machine.
-    runs : int
-        Model runs in it, if it is counted in those.
-    batch : int
-        Of those, how many are done together.
-    plan : Plan or None
-        How they are spent on a certified calibration.
-    """
-
-    what: str
-    seconds: float
-    runs: int = 0
-    batch: int = 1
-    plan: Plan | None = None
+    what: str  # In words
+    seconds: float  # On this machine
+    runs: int = 0  # Model runs in it, if it is counted in those
+    batch: int = 1  # Of those, how many are done together
+    plan: Plan | None = None  # How they are spent on a certified calibration
 
     def __str__(self) -> str:
         counted = ""
@@ -72,29 +58,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Cost:
-    """Expected cost of a study.
+    """Expected cost of a study."""
 
-    Parameters
-    ----------
-    parts : tuple of Part
-        In the order of the run.
-    batch : int
-        Runs done together; 1 for an external model.
-    plan : Plan or None
-        How the campaign's runs are spent on a certified calibration.
-    otherwise : Part or None
-        What sampling takes instead, if the data choose parameters that drift.
-    longest : float or None
-        In all, if a certified calibration uses its whole budget [s].
-    clock_is_inferred : bool
-        Whether a time_shift is unknown, so that the model itself runs outside the compiled lanes.
-    """
-
-    parts: tuple[Part, ...]
-    batch: int
-    plan: Plan | None = None
-    otherwise: Part | None = None
-    longest: float | None = None
+    parts: tuple[Part, ...]  # In the order of the run
+    batch: int  # Runs done together; 1 for an external model
+    plan: Plan | None = None  # How the campaign's runs are spent on a certified calibration
+    otherwise: Part | None = None  # What sampling takes instead, if the data choose parameters that drift
+    longest: float | None = None  # In all, if a certified calibration uses its whole budget [s]
+    # Whether a time_shift is unknown, so that the model itself runs outside the compiled lanes
     clock_is_inferred: bool = False
 
     @property
@@ -156,18 +127,7 @@ def _rounds(plan: Plan) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Say a duration in the unit a person would use.
-
-    Parameters
-    ----------
-    seconds : float
-        The duration.
-
-    Returns
-    -------
-    str
-        ``"5 hours"``, ``"12 s"``, ``"40 ms"``.
-    """
+    """Say a duration in the unit a person would use."""
     for size, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "min")):
         if seconds >= 2 * size:
             return f"{seconds / size:.0f} {unit}"
@@ -175,20 +135,7 @@ def duration(seconds: float) -> str:
 
 
 def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Cost:
-    """Time a few batches of everything that a study repeats, and scale them up.
-
-    Parameters
-    ----------
-    study : BuiltStudy
-        The study.
-    tell : callable, optional
-        Is given each part in words as soon as it is known.
-
-    Returns
-    -------
-    Cost
-        Part by part.
-    """
+    """Time a few batches of everything that a study repeats, and scale them up."""
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))

@@ -12,18 +12,7 @@ from structid.study.schema.study_file import study_text
 
 
 def quantities_in_si(path: str | Path) -> list[str]:
-    """List the texts of a study file that are quantities, each with its value in SI.
-
-    Parameters
-    ----------
-    path : path-like
-        A study file that has been read.
-
-    Returns
-    -------
-    list of str
-        A line each, in the order of the file.
-    """
+    """List the texts of a study file that are quantities, each with its value in SI."""
     content = tomllib.loads(study_text(Path(path)))
     found = [(key, text) for key, text in _texts(content) if is_quantity(text)]
     width = max((len(key) for key, _ in found), default=0)

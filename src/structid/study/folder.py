@@ -65,39 +65,12 @@ def _has_runs(folder: Path) -> bool:
 
 
 def has_draws(folder: Path) -> bool:
-    """Whether there are draws, of a plain sampling or of a calibration.
-
-    Parameters
-    ----------
-    folder : Path
-        Of a study.
-
-    Returns
-    -------
-    bool
-        True from the first finished sampling on.
-    """
+    """Whether there are draws, of a plain sampling or of a calibration."""
     return (folder / CHAINS).is_file() or (folder / CALIBRATION_FOLDER / CALIBRATION_FINISHED).is_file()
 
 
 def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
-    """Read the study in a folder, its file names turned to the copies.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that a study has filled.
-
-    Returns
-    -------
-    tuple of StudyFile and dict
-        The study, and what identifies it.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no finished study.
-    """
+    """Read the study in a folder, its file names turned to the copies."""
     identity = folder / IDENTITY
     if not identity.is_file() or not (has_draws(folder) or _has_runs(folder)):
         raise InputError(
@@ -112,27 +85,7 @@ def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
 
 
 def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
-    """Build the study that has been sampled in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    file : StudyFile
-        The study in it.
-    told : dict
-        What identifies it.
-
-    Returns
-    -------
-    BuiltStudy
-        The same study.
-
-    Raises
-    ------
-    InputError
-        If nothing has been sampled.
-    """
+    """Build the study that has been sampled in a folder."""
     of_runs_alone = file.parameter_study is not None and not file.observation
     if not (has_draws(folder) or of_runs_alone):
         raise InputError(
@@ -145,26 +98,7 @@ def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
 
 
 def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
-    """Take a folder for this study, or refuse it; nothing in it is touched when it is refused.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    study : BuiltStudy
-        The study.
-    path : Path
-        Its file.
-    resume : bool
-        Go on with what is there.
-    adopt : bool
-        Keep the true runs of another version of the model.
-
-    Raises
-    ------
-    InputError
-        If the folder holds something else.
-    """
+    """Take a folder for this study, or refuse it; nothing in it is touched when it is refused."""
     told = folder / IDENTITY
     if told.is_file():
         with undamaged(told, "what identifies a study"):
@@ -194,13 +128,7 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
 
 @contextmanager
 def left_as_it_was(folder: Path) -> Iterator[None]:
-    """Put back what identifies a folder's study, if stores in it turn out to belong to another one.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder, before it is claimed.
-    """
+    """Put back what identifies a folder's study, if stores in it turn out to belong to another one."""
     kept = {name: (folder / name).read_bytes() for name in (IDENTITY, STUDY) if (folder / name).is_file()}
     try:
         yield

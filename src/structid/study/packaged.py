@@ -18,17 +18,6 @@ SOLVERS = {"external": "external_solver.py"}
 
 
 def template(name: str) -> str:
-    """Text of a packaged study, or of the solver beside it.
-
-    Parameters
-    ----------
-    name : str
-        One of `TEMPLATES`, or of the files in `SOLVERS`.
-
-    Returns
-    -------
-    str
-        TOML, or Python.
-    """
+    """Text of a packaged study, or of the solver beside it."""
     file = f"{name}.toml" if name in TEMPLATES else name
     return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")

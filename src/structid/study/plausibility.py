@@ -40,35 +40,15 @@ SAME = 1e-6
 
 @dataclass(frozen=True)
 class Plausibility:
-    """What a run at the priors' medians shows beside the measurement.
+    """What a run at the priors' medians shows beside the measurement."""
 
-    Parameters
-    ----------
-    said : tuple of str
-        What was found, a sentence each.
-    questions : tuple of str
-        What is probably a mistake, a sentence each.
-    pairs : tuple of tuple
-        For each observation whose simulation succeeded, model and measurement channel by channel, for `plot`.
-    """
-
-    said: tuple[str, ...]
-    questions: tuple[str, ...]
+    said: tuple[str, ...]  # What was found, a sentence each
+    questions: tuple[str, ...]  # What is probably a mistake, a sentence each
+    # For each observation whose simulation succeeded, model and measurement channel by channel, for `plot`
     pairs: tuple[tuple[SideBySide, ...], ...] = field(default=(), repr=False)
 
     def plot(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Draw each measurement on its record, with the model's response at the priors' medians.
-
-        Parameters
-        ----------
-        folder : path-like
-            Where a PNG and a PDF are written for each observation; made if it is not there.
-
-        Returns
-        -------
-        list of Path
-            The PNG files.
-        """
+        """Draw each measurement on its record, with the model's response at the priors' medians."""
         Path(folder).mkdir(parents=True, exist_ok=True)
         written = []
         for number, pairs in enumerate(self.pairs, start=1):
@@ -91,20 +71,7 @@ class Plausibility:
 
 
 def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Plausibility:
-    """Compare the response at the priors' medians with each measured history; see `SideBySide`.
-
-    Parameters
-    ----------
-    study : BuiltStudy
-        The study.
-    tell : callable, optional
-        Is given each sentence of what was found as soon as it is known.
-
-    Returns
-    -------
-    Plausibility
-        Without an observation, only what the records show by themselves.
-    """
+    """Compare the response at the priors' medians with each measured history; see `SideBySide`."""
     questions = _of_the_records(study)
     if study.posterior is None:
         return Plausibility((), tuple(questions))

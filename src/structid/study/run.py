@@ -33,42 +33,19 @@ from structid.surrogates.surrogate_list import load_surrogate
 
 @dataclass(frozen=True, eq=False)
 class StudyOutcome:
-    """What a run of a study leaves.
+    """What a run of a study leaves."""
 
-    Parameters
-    ----------
-    result : SamplingResult or None
-        Draws and verdict; None for a study without an observation.
-    searches : dict of str to OptimizeResult
-        Deterministic calibrations by method.
-    report : Path
-        The page.
-    runs : Runs or None
-        The campaign's.
-    surrogate : Surrogate or None
-        What stood in for the model, validated.
-    calibration : CalibrationResult or None
-        Certificate and rounds, where the study asks for them.
-    law_choice : LawChoice or None
-        Which law of the errors the data have chosen, where it was left to them.
-    parameter_study : ParameterStudy or None
-        What runs over the priors tell, where the study asks for them.
-    fragility : Fragility or None
-        The probability of a passage or of a failure for records of rising strength, where the study asks for it.
-    material : PosteriorMaterial or None
-        All of it as a page takes it; None for a study without an observation.
-    """
-
-    result: SamplingResult | None
-    searches: dict[str, OptimizeResult]
-    report: Path
-    runs: Runs | None = None
-    surrogate: Surrogate | None = None
-    calibration: CalibrationResult | None = None
-    law_choice: LawChoice | None = None
-    parameter_study: ParameterStudy | None = None
+    result: SamplingResult | None  # Draws and verdict; None for a study without an observation
+    searches: dict[str, OptimizeResult]  # Deterministic calibrations by method
+    report: Path  # The page
+    runs: Runs | None = None  # The campaign's
+    surrogate: Surrogate | None = None  # What stood in for the model, validated
+    calibration: CalibrationResult | None = None  # Certificate and rounds, where the study asks for them
+    law_choice: LawChoice | None = None  # Which law of the errors the data have chosen, where it was left to them
+    parameter_study: ParameterStudy | None = None  # What runs over the priors tell, where the study asks for them
+    # The probability of a passage or of a failure for records of rising strength, where the study asks for it
     fragility: Fragility | None = None
-    material: PosteriorMaterial | None = None
+    material: PosteriorMaterial | None = None  # All of it as a page takes it; None for a study without an observation
 
     @property
     def trusted(self) -> bool:
@@ -79,18 +56,7 @@ class StudyOutcome:
 
 
 def load(path: str | Path) -> BuiltStudy:
-    """Read and build a study file.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    BuiltStudy
-        Ready to run.
-    """
+    """Read and build a study file."""
     return build(read_study(path), Path(path).resolve().parent)
 
 
@@ -104,37 +70,7 @@ def run_study(
     adopt: bool = False,
     built: BuiltStudy | None = None,
 ) -> StudyOutcome:
-    """Run a study.
-
-    Parameters
-    ----------
-    path : path-like
-        The study file.
-    out : path-like
-        Folder for everything it makes.
-    resume : bool
-        Continue with what is in that folder.
-    stage : callable
-        Opens a progress bar for a named stage.
-    executor : None, str or object
-        Where the runs of an external model are done; see `Campaign.run`.
-    retry : bool
-        Repeat runs of the campaign that failed before.
-    adopt : bool
-        Keep the true runs of another version of the model; see `Campaign.run` and `calibrate`.
-    built : BuiltStudy, optional
-        What `load` made of the file, where that was done already.
-
-    Returns
-    -------
-    StudyOutcome
-        Result, searches, report, runs.
-
-    Raises
-    ------
-    InputError
-        If the file is wrong, or the folder holds something else; nothing is written then.
-    """
+    """Run a study."""
     study = load(path) if built is None else built
     folder = Path(out)
     with (
@@ -147,25 +83,7 @@ def run_study(
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
-    """Write the report again from what is stored.
-
-    Parameters
-    ----------
-    folder : path-like
-        A folder `run_study` has filled.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    StudyOutcome
-        The same result and a fresh page.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no finished study.
-    """
+    """Write the report again from what is stored."""
     folder = Path(folder)
     file, told = stored_study(folder)
     place = Workplace(folder, stage)
@@ -185,25 +103,7 @@ def _runs_again(file: StudyFile, place: Workplace) -> StudyOutcome:
 
 
 def stored_outcome(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
-    """Read back what a study has found, without writing anything.
-
-    Parameters
-    ----------
-    folder : path-like
-        A folder `run_study` has filled.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    StudyOutcome
-        The same result.
-
-    Raises
-    ------
-    InputError
-        If the folder holds no finished calibration.
-    """
+    """Read back what a study has found, without writing anything."""
     folder = Path(folder)
     place = Workplace(folder, stage, page=False)
     return _work(rebuilt(folder, *stored_study(folder)), place)

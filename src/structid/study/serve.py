@@ -13,48 +13,18 @@ from structid.study.building.built_study import BuiltStudy
 
 
 class ServedPosterior(Served):
-    """A posterior as ``umbridge.serve_models`` wants it: one input vector, all parameters in SI; one number out.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        The posterior.
-    name : str
-        What it is called.
-    """
+    """A posterior as ``umbridge.serve_models`` wants it: one input vector, all parameters in SI; one number out."""
 
     def __init__(self, posterior: Posterior, name: str = "posterior") -> None:
         super().__init__(name, differentiable=False)
         self.posterior = posterior
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the input vectors.
-
-        Parameters
-        ----------
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of int
-            The number of parameters.
-        """
+        """Lengths of the input vectors."""
         return [self.posterior.dimension]
 
     def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the output vectors.
-
-        Parameters
-        ----------
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of int
-            One.
-        """
+        """Lengths of the output vectors."""
         return [1]
 
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
@@ -64,18 +34,7 @@ class ServedPosterior(Served):
 
 
 def offered(study: BuiltStudy) -> list[Any]:
-    """List what a study can serve.
-
-    Parameters
-    ----------
-    study : BuiltStudy
-        The study.
-
-    Returns
-    -------
-    list
-        Its model, and its posterior if something was measured.
-    """
+    """List what a study can serve."""
     models: list[Any] = [ServedModel(study.model, study.record)]
     if study.posterior is not None:
         models.append(ServedPosterior(study.posterior))

@@ -31,31 +31,6 @@ def check_by_simulation(
     A study with a [surrogate] and no [calibration] is tested with its surrogate, fitted to its campaign, on measurements
     simulated by the model itself. A certified calibration builds its surrogate where one posterior is, so it is of no use for
     others. In that case a built-in model is sampled itself.
-
-    Parameters
-    ----------
-    path : path-like
-        The study file.
-    replicas : int
-        How many measurements.
-    out : path-like, optional
-        A folder for the figure, and for the runs of a surrogate.
-    seed : int, optional
-        Seed; the study's when left out.
-    stage : callable
-        Opens a progress bar for a named stage.
-    executor : None, str or object
-        Where the runs of an external model are done; see `Campaign.run`.
-
-    Returns
-    -------
-    tuple of Ranks and Path or None
-        The outcome, and the figure.
-
-    Raises
-    ------
-    InputError
-        If the study has no observation, or its model is an external one without a surrogate over the whole prior.
     """
     study = load(path)
     if study.posterior is None:

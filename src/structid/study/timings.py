@@ -18,60 +18,25 @@ Stage = Callable[[str], Any]
 
 @contextmanager
 def silent(_: str) -> Iterator[Progress | None]:
-    """Stage without a progress bar.
-
-    Yields
-    ------
-    None
-        No progress wanted.
-    """
+    """Stage without a progress bar."""
     yield None
 
 
 class Timings:
-    """Seconds of every stage, kept on disk: a stage that was read back from disk keeps the time it once took.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Seconds of every stage, kept on disk: a stage that was read back from disk keeps the time it once took."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.seconds: dict[str, float] = json.loads(path.read_text()) if path.is_file() else {}
 
     def put(self, name: str, seconds: float) -> None:
-        """Keep the seconds of a stage.
-
-        Parameters
-        ----------
-        name : str
-            The stage.
-        seconds : float
-            What it took.
-        """
+        """Keep the seconds of a stage."""
         self.seconds[name] = seconds
         write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
 
     @contextmanager
     def measured(self, name: str, goes_on: bool = False, once: bool = False) -> Iterator[None]:
-        """Measure a stage.
-
-        Parameters
-        ----------
-        name : str
-            The stage.
-        goes_on : bool
-            Whether it goes on where it was stopped, and adds to what it took before.
-        once : bool
-            Whether it is done once, and keeps what it took then.
-
-        Yields
-        ------
-        None
-            While it runs.
-        """
+        """Measure a stage."""
         before = self.seconds.get(name, 0.0)
         began = time.perf_counter()
         yield
@@ -80,15 +45,7 @@ class Timings:
 
 
 class StagesAsTold:
-    """Opens a bar for each step that a calibration reports, and adds up its time.
-
-    Parameters
-    ----------
-    stage : callable
-        Opens a progress bar for a named stage.
-    timings : Timings
-        Keeps the times.
-    """
+    """Opens a bar for each step that a calibration reports, and adds up its time."""
 
     def __init__(self, stage: Stage, timings: Timings) -> None:
         self._stage, self._timings, self._doing = stage, timings, ""

@@ -10,27 +10,7 @@ from jaxtyping import Float
 def raised_cholesky(
     matrix: Float[np.ndarray, "n n"], diagonal: float, largest: float = np.inf
 ) -> tuple[np.ndarray, float]:
-    """Factorise matrix + diagonal · I, and raise the diagonal until the sum is positive definite.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        A symmetric matrix.
-    diagonal : float
-        The first value to try; positive.
-    largest : float
-        The diagonal stays below this value.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Lower Cholesky factor, and the diagonal in it.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If no diagonal below the largest makes the sum positive definite.
-    """
+    """Factorise matrix + diagonal · I, and raise the diagonal until the sum is positive definite."""
     while diagonal < largest:
         shifted = matrix.copy(order="C")
         shifted.reshape(-1)[:: len(matrix) + 1] += diagonal
@@ -42,18 +22,7 @@ def raised_cholesky(
 
 
 def inverse_of(cholesky: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Compute (L Lᵀ)⁻¹ from a Cholesky factor L.
-
-    Parameters
-    ----------
-    cholesky : ndarray, shape (n, n)
-        The lower factor L, with zeros above its diagonal.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        The inverse, with both triangles filled.
-    """
+    """Compute (L Lᵀ)⁻¹ from a Cholesky factor L."""
     lower, _ = scipy.linalg.lapack.dpotri(cholesky, lower=1)
     whole = lower + lower.T
     np.fill_diagonal(whole, np.diag(lower))

@@ -26,55 +26,25 @@ OutsideRule = Literal["warn", "refuse", "allow"]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How a surrogate came about.
+    """How a surrogate came about."""
 
-    Parameters
-    ----------
-    kind : str
-        Its settings' class, such as ``"PODKriging"``.
-    settings : dict
-        Its settings, in a form that JSON can hold.
-    space : ParameterSpace
-        The parameters.
-    channels : tuple of str
-        Of the histories.
-    excitation : str
-        Kind of the records.
-    dt : float
-        Their time step [s].
-    low, high : ndarray, shape (parameter,)
-        The range of the design.
-    runs, left_out : int
-        Runs it was fitted to, including those held out; and runs that had failed.
-    error : float
-        Mean relative error estimated while fitting: by leaving runs out, or over the runs held out.
-    limit : float
-        Largest mean error with which it may be used in a posterior.
-    outside : str
-        What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``.
-    seconds : float
-        Wall time of the fit.
-    seen : tuple of str
-        A digest of each run it was fitted to. These runs cannot validate it.
-    reach : float
-        How far beyond the range of the design it extrapolates, as a share of the range's width; further out it responds as there.
-    """
-
-    kind: str
-    settings: dict[str, Any]
-    space: ParameterSpace
-    channels: tuple[str, ...]
-    excitation: str
-    dt: float
-    low: Float[np.ndarray, " parameter"]
-    high: Float[np.ndarray, " parameter"]
-    runs: int
-    left_out: int
-    error: float
-    limit: float
-    outside: Literal["warn", "refuse", "allow"]
-    seconds: float = field(default=float("nan"))
-    seen: tuple[str, ...] = ()
+    kind: str  # Its settings' class, such as ``"PODKriging"``
+    settings: dict[str, Any]  # Its settings, in a form that JSON can hold
+    space: ParameterSpace  # The parameters
+    channels: tuple[str, ...]  # Of the histories
+    excitation: str  # Kind of the records
+    dt: float  # Their time step [s]
+    low: Float[np.ndarray, " parameter"]  # The range of the design
+    high: Float[np.ndarray, " parameter"]  # The range of the design
+    runs: int  # Runs it was fitted to, including those held out; and runs that had failed
+    left_out: int  # Runs it was fitted to, including those held out; and runs that had failed
+    error: float  # Mean relative error estimated while fitting: by leaving runs out, or over the runs held out
+    limit: float  # Largest mean error with which it may be used in a posterior
+    outside: Literal["warn", "refuse", "allow"]  # What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``
+    seconds: float = field(default=float("nan"))  # Wall time of the fit
+    seen: tuple[str, ...] = ()  # A digest of each run it was fitted to. These runs cannot validate it
+    # How far beyond the range of the design it extrapolates, as a share of the range's width; further out it responds
+    # as there
     reach: float = 0.0
 
     @property
@@ -84,57 +54,20 @@ class Fit:
         return np.maximum(self.low - margin, support[:, 0]), np.minimum(self.high + margin, support[:, 1])
 
     def to_plain(self) -> dict[str, Any]:
-        """Give it in words and numbers, for a file.
-
-        Returns
-        -------
-        dict
-            What JSON can hold.
-        """
+        """Give it in words and numbers, for a file."""
         said = {f.name: getattr(self, f.name) for f in fields(self)}
         return said | {"space": self.space.to_plain(), "low": self.low.tolist(), "high": self.high.tolist()}
 
     @classmethod
     def from_plain(cls, said: Mapping[str, Any]) -> Fit:
-        """Make it again from what `to_plain` gave.
-
-        Parameters
-        ----------
-        said : mapping of str to object
-            What JSON has kept.
-
-        Returns
-        -------
-        Fit
-            The same.
-        """
+        """Make it again from what `to_plain` gave."""
         arrays = {"low": np.array(said["low"]), "high": np.array(said["high"])}
         tuples = {"channels": tuple(said["channels"]), "seen": tuple(said["seen"])}
         return cls(**{**said, **arrays, **tuples, "space": ParameterSpace.from_plain(said["space"])})
 
 
 def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:
-    """Check runs to fit to, and leave out those that failed.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    runs : Runs
-        What came.
-    fewest : int
-        Fewer finished runs are refused.
-
-    Returns
-    -------
-    tuple of Runs and int
-        The finished ones, and how many were left out.
-
-    Raises
-    ------
-    InputError
-        If there are too few, a value is not finite, or a channel does not vary.
-    """
+    """Check runs to fit to, and leave out those that failed."""
     if not isinstance(runs, Runs):
         raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     done = runs[runs.done]
@@ -158,27 +91,7 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
 
 
 def checked_weights(where: str, weights: Float[np.ndarray, " run"], runs: Runs) -> Float[np.ndarray, " finished_run"]:
-    """Check how much runs count, and leave out those that failed.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    weights : ndarray, shape (run,)
-        Of all runs.
-    runs : Runs
-        The runs.
-
-    Returns
-    -------
-    ndarray, shape (finished run,)
-        One on average.
-
-    Raises
-    ------
-    InputError
-        If they are not as many positive numbers as there are runs.
-    """
+    """Check how much runs count, and leave out those that failed."""
     weights = np.asarray(weights, dtype=np.float64)
     if weights.shape != (len(runs),) or not (np.isfinite(weights) & (weights > 0.0)).all():
         raise InputError(f"{where}: weights", f"an array of shape {weights.shape}", f"{len(runs)} positive numbers")
@@ -187,24 +100,7 @@ def checked_weights(where: str, weights: Float[np.ndarray, " run"], runs: Runs) 
 
 
 def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) -> None:
-    """Refuse too few runs.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    runs : int
-        How many have finished, or will.
-    came : str
-        What to say of them.
-    fewest : int
-        How many there must be.
-
-    Raises
-    ------
-    InputError
-        If there are fewer.
-    """
+    """Refuse too few runs."""
     if runs < fewest:
         raise InputError(where, came, f"{fewest} finished ones or more")
 
@@ -215,18 +111,7 @@ def _known_samples(runs: Runs) -> list[np.ndarray]:
 
 
 def run_digests(runs: Runs) -> tuple[str, ...]:
-    """Tell runs apart by their point and their record.
-
-    Parameters
-    ----------
-    runs : Runs
-        The runs.
-
-    Returns
-    -------
-    tuple of str
-        One for each.
-    """
+    """Tell runs apart by their point and their record."""
     hashes = [r.content_hash for r in runs.records]
     return tuple(
         digest(point, hashes[record])[:16] for point, record in zip(runs.design.values, runs.record_of_run, strict=True)
@@ -234,18 +119,7 @@ def run_digests(runs: Runs) -> tuple[str, ...]:
 
 
 def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
-    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior.
-
-    Parameters
-    ----------
-    design : Design
-        Points.
-
-    Returns
-    -------
-    tuple of ndarray, shape (parameter,)
-        Smallest and largest values that count as inside.
-    """
+    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior."""
     low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
     margin = 0.01 * (high - low)
     support = design.space.bounds
@@ -253,25 +127,7 @@ def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
 
 
 def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
-    """Return the kind and time step that all records share.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    records : sequence of Excitation
-        The records.
-
-    Returns
-    -------
-    tuple of str and float
-        Kind and step [s].
-
-    Raises
-    ------
-    InputError
-        If they differ.
-    """
+    """Return the kind and time step that all records share."""
     kinds, steps = {r.kind for r in records}, {r.dt for r in records}
     if len(kinds) > 1 or max(steps) / min(steps) - 1.0 > 1e-9:
         raise InputError(

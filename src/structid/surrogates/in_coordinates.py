@@ -21,19 +21,11 @@ from structid.surrogates.regression import Regression
 
 @dataclass(frozen=True, eq=False)
 class InCoordinates:
-    """A regression on the coordinates of a space.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        With its coordinates.
-    inner : Regression
-        On the coordinates, which it takes for uniformly distributed over the range of the runs.
-    """
+    """A regression on the coordinates of a space."""
 
     word: ClassVar[str] = "InCoordinates"
-    space: ParameterSpace
-    inner: Any
+    space: ParameterSpace  # With its coordinates
+    inner: Any  # On the coordinates, which it takes for uniformly distributed over the range of the runs
 
     @property
     def leave_one_out_error(self) -> np.ndarray:
@@ -46,59 +38,20 @@ class InCoordinates:
         return np.asarray(self.inner.leave_one_out_residuals)
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
-        """Predict the outputs; see `Regression.predict`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Means.
-        """
+        """Predict the outputs; see `Regression.predict`."""
         return self.inner.predict(self.space.in_coordinates(theta))
 
     def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"] | None:
-        """Predict the standard deviations; see `Regression.deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output), or None
-            As of the inner regression.
-        """
+        """Predict the standard deviations; see `Regression.deviation`."""
         return self.inner.deviation(self.space.in_coordinates(theta))
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
-        """Predict both; see `Regression.predict_with_deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of array, or of array and None, shape (run, output)
-            Means and standard deviations.
-        """
+        """Predict both; see `Regression.predict_with_deviation`."""
         found: tuple[Any, Any | None] = self.inner.predict_with_deviation(self.space.in_coordinates(theta))
         return found
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the contents for a file; see `Regression.to_plain`.
-
-        Returns
-        -------
-        tuple of dict
-            Those of the inner regression, and the range of the coordinates.
-        """
+        """Return the contents for a file; see `Regression.to_plain`."""
         plain, arrays = self.inner.to_plain()
         return {"word": self.inner.word, "space": self.inner_space.to_plain(), "inner": plain}, arrays
 
@@ -112,44 +65,13 @@ class InCoordinates:
     def from_plain(
         cls, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> InCoordinates:
-        """Make a regression again from what `to_plain` gave.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            With its coordinates.
-        plain : mapping
-            What JSON can say.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        InCoordinates
-            The same regression.
-        """
+        """Make a regression again from what `to_plain` gave."""
         kind: Any = ChaosExpansion if plain["word"] == ChaosExpansion.word else KrigingPredictor
         return cls(space, kind.from_plain(ParameterSpace.from_plain(plain["space"]), plain["inner"], arrays))
 
 
 def coordinate_design(design: Design) -> Design:
-    """Give the points of a design in the coordinates of its space, which are taken for uniform over the range of the points.
-
-    Parameters
-    ----------
-    design : Design
-        Points.
-
-    Returns
-    -------
-    Design
-        Points of a space of coordinates; the same design where its space has none.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is not finite at a point, or is the same at all of them.
-    """
+    """Give the points of a design in the coordinates of its space, which are taken for uniform over the range of the points."""
     space: ParameterSpace = design.space
     if not space.coordinates:
         return design
@@ -165,24 +87,6 @@ def coordinate_design(design: Design) -> Design:
 
 
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
-    """Fit a regression, in the coordinates of its space where it has some.
-
-    Parameters
-    ----------
-    design : Design
-        Points.
-    fit : callable
-        Fits a regression to a design.
-
-    Returns
-    -------
-    Regression
-        On the parameters.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is not finite at a point, or is the same at all of them.
-    """
+    """Fit a regression, in the coordinates of its space where it has some."""
     points = coordinate_design(design)
     return fit(design) if points is design else InCoordinates(design.space, fit(points))

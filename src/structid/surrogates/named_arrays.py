@@ -8,36 +8,10 @@ import numpy as np
 
 
 def put_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Put the name of a part in front of the names of its arrays.
-
-    Parameters
-    ----------
-    name : str
-        Name of the part.
-    arrays : mapping of str to ndarray
-        Its arrays.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays, by ``name/…``.
-    """
+    """Put the name of a part in front of the names of its arrays."""
     return {f"{name}/{key}": array for key, array in arrays.items()}
 
 
 def found_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Select the arrays of a part, by their own names; the inverse of `put_under`.
-
-    Parameters
-    ----------
-    name : str
-        Name of the part.
-    arrays : mapping of str to ndarray
-        Arrays of all parts.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Arrays of this part.
-    """
+    """Select the arrays of a part, by their own names; the inverse of `put_under`."""
     return {key.removeprefix(f"{name}/"): array for key, array in arrays.items() if key.startswith(f"{name}/")}

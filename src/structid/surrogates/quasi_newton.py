@@ -26,22 +26,6 @@ def quasi_newton(
     """Minimise by BFGS within bounds (Nocedal & Wright 2006, eq. 6.17), until a step would gain almost nothing.
 
     Nearly singular correlation matrices make a likelihood noisy, and a line search that requires an exact decrease would not end.
-
-    Parameters
-    ----------
-    objective : callable
-        Value and gradient at a point.
-    bounds : sequence of tuple
-        Smallest and largest value of each coordinate.
-    start : ndarray, shape (coordinate,)
-        Where to start.
-    covariance : ndarray, shape (coordinate, coordinate)
-        Estimate of the inverse of the matrix of second derivatives.
-
-    Returns
-    -------
-    tuple
-        The best point, the estimate of the inverse of the matrix of second derivatives, and the value there.
     """
     low, high = np.array(bounds).T
     place, (value, slope) = start, objective(start)

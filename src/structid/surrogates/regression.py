@@ -17,14 +17,9 @@ FEWEST_TRAINING_RUNS = 3
 
 
 class Regression(Protocol):
-    """A fitted regression of one output or many on the parameters, such as a polynomial chaos expansion or a Kriging.
+    """A fitted regression of one output or many on the parameters, such as a polynomial chaos expansion or a Kriging."""
 
-    Attributes
-    ----------
-    word : str
-        Names the class in files; `from_plain` of the class with this word reads what `to_plain` wrote.
-    """
-
+    # Names the class in files; `from_plain` of the class with this word reads what `to_plain` wrote
     word: ClassVar[str]
 
     @property
@@ -32,80 +27,20 @@ class Regression(Protocol):
         """Mean squared leave-one-out residual relative to the variance of the output, shape (output,)."""
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
-        """Predict the outputs.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Means, of the same kind as `theta`.
-        """
+        """Predict the outputs."""
 
     def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"] | None:
-        """Predict the standard deviation of the regression's own error at each point.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output), or None
-            Standard deviations, of the same kind as `theta`; None if the regression has no error estimate that varies with the
-            point. `leave_one_out_error` then is all that is known of its error.
-        """
+        """Predict the standard deviation of the regression's own error at each point."""
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
-        """Predict the outputs and the standard deviations of the regression's own error together.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of array, or of array and None, shape (run, output)
-            What `predict` and `deviation` return.
-        """
+        """Predict the outputs and the standard deviations of the regression's own error together."""
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the contents of the regression, without its parameter space, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Return the contents of the regression, without its parameter space, for a file."""
 
 
 def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Check the data a regression is fitted to.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    design : Design
-        Points.
-    values : array-like, shape (run,) or (run, output)
-        Outputs.
-
-    Returns
-    -------
-    tuple of ndarray
-        Points (run, parameter) and outputs (run, output).
-
-    Raises
-    ------
-    InputError
-        If the numbers of points and values differ, a value is not finite, or an output does not vary.
-    """
+    """Check the data a regression is fitted to."""
     if not isinstance(design, Design):
         raise InputError(
             where, f"a {type(design).__name__}", "a Design: points with their space",

@@ -20,23 +20,6 @@ REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, Krig
 def regression_from_plain(
     word: str, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> Regression:
-    """Make a regression again from what its `to_plain` gave.
-
-    Parameters
-    ----------
-    word : str
-        `Regression.word` of its class.
-    space : ParameterSpace
-        The parameters.
-    plain : mapping
-        What JSON can say.
-    arrays : mapping of str to ndarray
-        The arrays.
-
-    Returns
-    -------
-    Regression
-        The same regression.
-    """
+    """Make a regression again from what its `to_plain` gave."""
     found: Regression = REGRESSIONS[word].from_plain(space, plain, arrays)
     return found

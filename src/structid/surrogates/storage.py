@@ -26,24 +26,12 @@ CONTENT = "structid surrogate"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StoredSurrogate:
-    """What a file says about a surrogate.
+    """What a file says about a surrogate."""
 
-    Parameters
-    ----------
-    fit : Fit
-        How it came about.
-    plain : dict
-        What JSON can hold of it.
-    arrays : dict of str to ndarray
-        Its arrays.
-    validation : Validation or None
-        What its last validation found.
-    """
-
-    fit: Fit
-    plain: dict[str, Any]
+    fit: Fit  # How it came about
+    plain: dict[str, Any]  # What JSON can hold of it
     arrays: dict[str, np.ndarray]
-    validation: Validation | None
+    validation: Validation | None  # What its last validation found
 
 
 def write(
@@ -53,26 +41,7 @@ def write(
     arrays: dict[str, np.ndarray],
     validation: Validation | None,
 ) -> Path:
-    """Write what a surrogate consists of, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; an existing one is replaced.
-    fit : Fit
-        How it came about.
-    plain : dict
-        What JSON can hold of it.
-    arrays : dict of str to ndarray
-        Its arrays.
-    validation : Validation or None
-        What its last validation found.
-
-    Returns
-    -------
-    Path
-        The file written.
-    """
+    """Write what a surrogate consists of, whole or not at all."""
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(target.name + ".partial")
@@ -92,23 +61,7 @@ def write(
 
 
 def read(path: str | os.PathLike[str]) -> StoredSurrogate:
-    """Read what `write` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    StoredSurrogate
-        Equal to the last bit.
-
-    Raises
-    ------
-    InputError
-        If the file is none, or of a later version.
-    """
+    """Read what `write` wrote."""
     where = str(path)
     if not Path(path).is_file():
         raise InputError(where, "no such file", "a file that Surrogate.save wrote")

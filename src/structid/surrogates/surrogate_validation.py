@@ -37,41 +37,20 @@ COVERAGE_FACTOR = 1.96
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Outcome of a comparison with independent runs.
-
-    Parameters
-    ----------
-    channels : tuple of str
-        The channels.
-    errors : ndarray, shape (run, channel)
-        ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite where the surrogate diverged.
-    peaks : ndarray, shape (run, channel)
-        Largest |y| of the model, in SI.
-    predicted_peaks : ndarray, shape (run, channel)
-        Largest |ŷ| of the surrogate.
-    coverage : float
-        Share of samples within 1.96 predicted standard deviations.
-    outside : int
-        Runs whose parameters lie outside the range the surrogate was fitted to.
-    left_out : int
-        Runs of the model that had failed.
-    shown : tuple of int
-        The best, the median and the worst run, rows of the runs compared.
-    histories : tuple
-        Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s].
-    clouds : tuple of ndarray
-        Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel).
-    """
+    """Outcome of a comparison with independent runs."""
 
     channels: tuple[str, ...]
+    # ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite where the surrogate diverged
     errors: Float[np.ndarray, "run channel"]
-    peaks: Float[np.ndarray, "run channel"]
-    predicted_peaks: Float[np.ndarray, "run channel"]
-    coverage: float
-    outside: int
-    left_out: int
-    shown: tuple[int, int, int]
+    peaks: Float[np.ndarray, "run channel"]  # Largest |y| of the model, in SI
+    predicted_peaks: Float[np.ndarray, "run channel"]  # Largest |ŷ| of the surrogate
+    coverage: float  # Share of samples within 1.96 predicted standard deviations
+    outside: int  # Runs whose parameters lie outside the range the surrogate was fitted to
+    left_out: int  # Runs of the model that had failed
+    shown: tuple[int, int, int]  # The best, the median and the worst run, rows of the runs compared
+    # Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s]
     histories: tuple[np.ndarray, np.ndarray, float]
+    # Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel)
     clouds: tuple[np.ndarray, np.ndarray]
 
     @property
@@ -116,13 +95,7 @@ class Validation:
         return {c: _measures(e) for c, e in zip(self.channels, self.errors.T, strict=True)}
 
     def summary(self) -> dict[str, float]:
-        """Give every figure by name.
-
-        Returns
-        -------
-        dict of str to float
-            Runs, errors, diverged, peak error, coverage, outside, left out.
-        """
+        """Give every figure by name."""
         return {
             "runs": len(self.errors),
             "mean": self.mean,
@@ -150,20 +123,7 @@ class Validation:
         return "\n".join(lines)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw best, median and worst run, peaks, whole histories, and the distribution of the errors.
-
-        Parameters
-        ----------
-        channel : str, optional
-            Which channel; the first, when left out.
-        save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure.
-        """
+        """Draw best, median and worst run, peaks, whole histories, and the distribution of the errors."""
         from structid.figures import surrogate as figures
 
         index = 0 if channel is None else self.channels.index(channel)
@@ -208,18 +168,7 @@ def _measures(errors: np.ndarray) -> dict[str, float]:
 def relative_errors(
     true: Float[np.ndarray, "run time channel"], predicted: Float[np.ndarray, "run time channel"]
 ) -> Float[np.ndarray, "run channel"]:
-    """ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite where a prediction is not finite.
-
-    Parameters
-    ----------
-    true, predicted : ndarray, shape (run, time, channel)
-        Histories.
-
-    Returns
-    -------
-    ndarray, shape (run, channel)
-        Errors.
-    """
+    """ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite where a prediction is not finite."""
     spread = np.sum((true - true.mean(axis=1, keepdims=True)) ** 2, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = np.sum((true - predicted) ** 2, axis=1) / spread
@@ -234,57 +183,16 @@ class Validated(Protocol):
         """What it responds with."""
 
     def parameters(self, design: Design) -> Float[np.ndarray, "run parameter"]:
-        """Bring the columns of a design into the order of its parameters.
-
-        Parameters
-        ----------
-        design : Design
-            Points in SI.
-
-        Returns
-        -------
-        ndarray, shape (run, parameter)
-            The points.
-        """
+        """Bring the columns of a design into the order of its parameters."""
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation it cannot respond to.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-        """
+        """Refuse an excitation it cannot respond to."""
 
     def run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> Histories:
-        """Respond, without a warning about points outside its range.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        Histories
-            One row a run.
-        """
+        """Respond, without a warning about points outside its range."""
 
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Say which points lie outside its range.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        ndarray of bool, shape (run,)
-            True outside.
-        """
+        """Say which points lie outside its range."""
 
     def standard_deviation(
         self,
@@ -292,46 +200,11 @@ class Validated(Protocol):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of its own error.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives it.
-        values : ndarray, shape (run, time, channel)
-            The predictions there.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI.
-        """
+        """Standard deviation of its own error."""
 
 
 def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None) -> Validation:
-    """Compare a surrogate with runs of the model it stands for, a batch at a time.
-
-    Parameters
-    ----------
-    surrogate : Validated
-        The surrogate.
-    runs : Runs
-        Independent runs.
-    progress : callable, optional
-        Called with the number of compared runs and the total.
-
-    Returns
-    -------
-    Validation
-        The outcome.
-
-    Raises
-    ------
-    InputError
-        If the runs have other channels or parameters, or none is finished.
-    """
+    """Compare a surrogate with runs of the model it stands for, a batch at a time."""
     if not isinstance(runs, Runs):
         raise InputError("validate", f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     missing = [c for c in surrogate.channels if c not in runs.channels]

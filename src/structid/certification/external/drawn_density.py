@@ -29,24 +29,14 @@ OTHER_SPREAD = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Points for true runs.
+    """Points for true runs."""
 
-    Parameters
-    ----------
-    theta : ndarray, shape (point, parameter)
-        In SI.
-    log_drawn : ndarray, shape (point,)
-        Log density of q there; −inf outside its support, where the model may find that there is something.
-    log_wide : ndarray, shape (point,)
-        Log density of the wider law there, on the scale of q; −inf if there is none.
-    log_mixture : ndarray, shape (point,)
-        Likewise, of the mixture g that the points come from.
-    """
-
-    theta: Float[np.ndarray, "point parameter"]
+    theta: Float[np.ndarray, "point parameter"]  # In SI
+    # Log density of q there; −inf outside its support, where the model may find that there is something
     log_drawn: Float[np.ndarray, " point"]
+    # Log density of the wider law there, on the scale of q; −inf if there is none
     log_wide: Float[np.ndarray, " point"]
-    log_mixture: Float[np.ndarray, " point"]
+    log_mixture: Float[np.ndarray, " point"]  # Likewise, of the mixture g that the points come from
 
     @property
     def shares(self) -> np.ndarray:
@@ -63,20 +53,7 @@ class Chosen:
 
 
 class DrawnLaw(ABC):
-    """q, the law that draws are said to come from.
-
-    Parameters
-    ----------
-    posterior : Target
-        The true posterior, in whose coordinates q is looked at.
-    draws : ndarray, shape (chain, draw, parameter)
-        In SI.
-
-    Raises
-    ------
-    InputError
-        If draws lie outside the support of the priors.
-    """
+    """q, the law that draws are said to come from."""
 
     subject = ""
     """What is certified, where it is not the draws."""
@@ -115,35 +92,11 @@ class DrawnLaw(ABC):
         return float(self.at_draws.max())
 
     def distinct(self, count: int, rng: np.random.Generator) -> Int[np.ndarray, " count"]:
-        """Choose some draws by chance, none twice.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray of int, shape (count,)
-            Rows of all draws.
-        """
+        """Choose some draws by chance, none twice."""
         return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
 
     def in_order(self, flat: Float[np.ndarray, "_ parameter"]) -> Float[np.ndarray, "chain draw parameter"]:
-        """Put what is known of every draw in the order in which they were drawn.
-
-        Parameters
-        ----------
-        flat : ndarray, shape (chain · draw, parameter)
-            Of all draws.
-
-        Returns
-        -------
-        ndarray, shape (chain, draw, parameter)
-            Of chains; a single one is cut into parts, and one of walkers that take turns into these.
-        """
+        """Put what is known of every draw in the order in which they were drawn."""
         if self._walkers > 1:
             length = len(flat) // self._walkers
             return flat[: self._walkers * length].reshape(length, self._walkers, -1).swapaxes(0, 1)
@@ -157,18 +110,7 @@ class DrawnLaw(ABC):
         return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
 
     def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """Say that draws are where the prior is next to zero, as those in another unit are.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Draws from the prior.
-
-        Returns
-        -------
-        tuple of str
-            A sentence for the parameter that is furthest away, if it is too far; empty also where no prior is known.
-        """
+        """Say that draws are where the prior is next to zero, as those in another unit are."""
         if not self.posterior.knows_prior:
             return ()
         prior = self.posterior.initial(MANY, rng)
@@ -186,109 +128,28 @@ class DrawnLaw(ABC):
 
     @abstractmethod
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density of q.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            With respect to the parameters, up to a constant.
-        """
+        """Log density of q."""
 
     @abstractmethod
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Choose points for true runs.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            With what is known of q there.
-        """
+        """Choose points for true runs."""
 
     @abstractmethod
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Choose points at which other laws are compared with q, without a run of the model.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            From much further around than points for true runs, also beyond q's support.
-        """
+        """Choose points at which other laws are compared with q, without a run of the model."""
 
     def covers(self, theta: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
-        """Say where points for true runs come.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray of bool, shape (point,)
-            In the ball of the normal coordinates that holds nearly all of them.
-        """
+        """Say where points for true runs come."""
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
         return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Say what speaks against q before the model is run.
-
-        Parameters
-        ----------
-        known : ndarray, shape (point, parameter)
-            Further points in SI, to search for modes from.
-        seed : int
-            Seed.
-
-        Returns
-        -------
-        tuple of str
-            A sentence for each doubt.
-        """
+        """Say what speaks against q before the model is run."""
         return ()
 
 
 def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator) -> FittedDensity:
-    """Refuse a log density that does not rise and fall with the density of the draws.
-
-    Parameters
-    ----------
-    law : DrawnLaw
-        With the draws.
-    at_draws : ndarray, shape (draw,)
-        The given log density there.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    FittedDensity
-        What was fitted to the draws, in unconstrained coordinates.
-
-    Raises
-    ------
-    InputError
-        If the given log density is not finite at a draw, or varies about the fitted one nearly as much as that varies itself.
-    """
+    """Refuse a log density that does not rise and fall with the density of the draws."""
     if not np.isfinite(at_draws).all():
         raise InputError(
             "certify(log_density)",
@@ -313,22 +174,7 @@ def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.
 def of_fitted(
     fitted: FittedDensity, law: DrawnLaw, theta: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, " point"]:
-    """Log density of a fitted law with respect to the parameters.
-
-    Parameters
-    ----------
-    fitted : FittedDensity
-        In unconstrained coordinates.
-    law : DrawnLaw
-        Whose coordinates these are.
-    theta : ndarray, shape (point, parameter)
-        In SI.
-
-    Returns
-    -------
-    ndarray, shape (point,)
-        −inf outside the support.
-    """
+    """Log density of a fitted law with respect to the parameters."""
     with np.errstate(invalid="ignore", divide="ignore"):
         phi = law.bijection.inverse(theta)
     inside = np.isfinite(phi).all(axis=1)

@@ -27,17 +27,7 @@ DEEPEST = 100.0
 
 
 class DensityOfDraws(DrawnLaw):
-    """q is a function, and these are said to be its draws.
-
-    Parameters
-    ----------
-    posterior, draws
-        As in `DrawnLaw`.
-    function : callable
-        Log density of points (point, parameter) in SI, up to a constant.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """q is a function, and these are said to be its draws."""
 
     width = WIDENED
 
@@ -54,23 +44,7 @@ class DensityOfDraws(DrawnLaw):
         self.fitted = refuse_another(self, self.at_draws, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density; see `DrawnLaw.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            What the function says.
-
-        Raises
-        ------
-        InputError
-            If the function gives something else than a number for each point.
-        """
+        """Log density; see `DrawnLaw.log_density`."""
         values = real_array("certify(log_density)", self.function(theta), "log densities")
         values = values[:, 0] if values.shape == (len(theta), 1) else values
         if values.shape != (len(theta),):
@@ -82,20 +56,7 @@ class DensityOfDraws(DrawnLaw):
         return np.where(np.isnan(values), -np.inf, values)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds of them draws, the others of a wider law; see `DrawnLaw.chosen`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            Draws of the mixture g of both laws, each of which counts q/g.
-        """
+        """Two thirds of them draws, the others of a wider law; see `DrawnLaw.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
@@ -107,24 +68,7 @@ class DensityOfDraws(DrawnLaw):
         many: Float[np.ndarray, "many parameter"],
         rng: np.random.Generator,
     ) -> Chosen:
-        """Put draws of a wider law beside draws of q, and points beyond q's support.
-
-        Parameters
-        ----------
-        plain : ndarray, shape (draw, parameter)
-            Draws of q, in unconstrained coordinates.
-        wide_count : int
-            How many others, up to a half of them beyond q's support.
-        many : ndarray, shape (draw, parameter)
-            Draws of q, likewise, by which q is compared with the wider law.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            Draws of the mixture g of both laws, each of which counts q/g, and last the points beyond.
-        """
+        """Put draws of a wider law beside draws of q, and points beyond q's support."""
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
         wide = self.fitted.draw(MANY, rng, WIDENED)
@@ -136,20 +80,7 @@ class DensityOfDraws(DrawnLaw):
         return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws, and as many of laws that are wider and much wider; see `DrawnLaw.around`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            Draws of the mixture of all of them.
-        """
+        """Draws, and as many of laws that are wider and much wider; see `DrawnLaw.around`."""
         each = count // (1 + len(AROUND))
         plain = self._many[rng.permutation(len(self._many))[:each]]
         others = [self.fitted.draw(each, rng, width) for width in AROUND]
@@ -196,20 +127,7 @@ class DensityOfDraws(DrawnLaw):
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Explore q a second time; see `DrawnLaw.doubts`.
-
-        Parameters
-        ----------
-        known : ndarray, shape (point, parameter)
-            Further points in SI, to search for modes from.
-        seed : int
-            Seed.
-
-        Returns
-        -------
-        tuple of str
-            In what the draws differ from what is found.
-        """
+        """Explore q a second time; see `DrawnLaw.doubts`."""
         found = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
         return tuple(f"these are not draws of the given density: {said}" for said in found.failures)
 

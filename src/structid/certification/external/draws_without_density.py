@@ -22,17 +22,7 @@ MOMENTS = 0.1
 
 
 class ValuesAtDraws(DrawnLaw):
-    """The log density of q is known at the draws only.
-
-    Parameters
-    ----------
-    posterior, draws
-        As in `DrawnLaw`.
-    values : ndarray, shape (chain, draw) or (draw,)
-        Log density at the draws, with respect to the parameters in SI.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """The log density of q is known at the draws only."""
 
     subject = "of a density that is known at the draws alone"
 
@@ -51,84 +41,26 @@ class ValuesAtDraws(DrawnLaw):
         self.fitted = refuse_another(self, flat, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density of what was fitted to the draws, for want of q; see `DrawnLaw.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            On the scale of the values.
-        """
+        """Log density of what was fitted to the draws, for want of q; see `DrawnLaw.log_density`."""
         own = of_fitted(self.fitted, self, self.flat)
         return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - own))
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws alone; see `DrawnLaw.chosen`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            Each counts one.
-        """
+        """Draws alone; see `DrawnLaw.chosen`."""
         rows = self.distinct(count, rng)
         return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), self.at_draws[rows])
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws alone; see `DrawnLaw.around`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            As in `chosen`.
-        """
+        """Draws alone; see `DrawnLaw.around`."""
         return self.chosen(count, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`.
-
-        Parameters
-        ----------
-        known : ndarray, shape (point, parameter)
-            Not used.
-        seed : int
-            Chooses draws.
-
-        Returns
-        -------
-        tuple of str
-            A sentence where they do not.
-        """
+        """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`."""
         return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
 
 
 class FittedToDraws(DensityOfDraws):
-    """No density is known: q is one that is fitted to the draws.
-
-    Parameters
-    ----------
-    posterior, draws
-        As in `DrawnLaw`.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """No density is known: q is one that is fitted to the draws."""
 
     subject = "of a density that was fitted to the draws"
     enough = 60
@@ -149,53 +81,16 @@ class FittedToDraws(DensityOfDraws):
         return np.asarray(self.bijection(self.many)[0])
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density; see `DrawnLaw.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (point, parameter)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            Of the fitted density.
-        """
+        """Log density; see `DrawnLaw.log_density`."""
         return of_fitted(self.fitted, self, theta)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds of them draws of the fitted density; see `DrawnLaw.chosen`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        Chosen
-            As of a density that is a function.
-        """
+        """Two thirds of them draws of the fitted density; see `DrawnLaw.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Compare the fitted density's moments with those of the draws; see `DrawnLaw.doubts`.
-
-        Parameters
-        ----------
-        known : ndarray, shape (point, parameter)
-            Not used.
-        seed : int
-            Not used.
-
-        Returns
-        -------
-        tuple of str
-            A sentence where they differ.
-        """
+        """Compare the fitted density's moments with those of the draws; see `DrawnLaw.doubts`."""
         given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
         sd = given.std(axis=0)
         means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd

@@ -37,26 +37,6 @@ def draws_of(
     """Take draws of some parameters from whatever holds them.
 
     Columns that have names are taken by name, others by position. Columns of other names, text included, are left out.
-
-    Parameters
-    ----------
-    draws : SamplingResult, mapping, table, ndarray, ArviZ object or path
-        In SI. A table is a DataFrame of pandas or polars, or a structured array. A variable of an ArviZ object may have an
-        attribute ``unit``, or ``units`` as in the CF conventions, that says in which other unit it is.
-    names : tuple of str
-        The parameters, in the order of an array's columns.
-    units : mapping of str to str, optional
-        Units of the parameters, whose dimensions those of the draws must have.
-
-    Returns
-    -------
-    ndarray, shape (chain, draw, parameter)
-        In SI; one chain where there are none.
-
-    Raises
-    ------
-    InputError
-        If they are draws of other parameters, too few, not finite, or all the same.
     """
     if isinstance(draws, SamplingResult):
         found = _by_name({n: draws.draws[:, :, i] for i, n in enumerate(draws.names)}, names)
@@ -78,19 +58,7 @@ def draws_of(
 
 
 def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarray | None:
-    """Give the log density that comes with draws.
-
-    Parameters
-    ----------
-    draws : SamplingResult, mapping, ndarray, ArviZ object or path
-        As in `draws_of`.
-
-    Returns
-    -------
-    callable, ndarray of shape (chain, draw), or None
-        Of a result, its target's; of a netCDF file the variable ``log_density`` of its group ``sample_stats``, or ``lp`` where
-        structid wrote the file: elsewhere that is the density of other coordinates. None where there is none.
-    """
+    """Give the log density that comes with draws."""
     if isinstance(draws, SamplingResult):
         return draws.target.log_density
     if not isinstance(draws, (str, os.PathLike)) or Path(draws).suffix.lower() != ".nc":

@@ -26,21 +26,11 @@ LARGEST_LOG = 3.0
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """z = sinh(δ asinh((R y − ξ)/λ) − ε), y the whitened or rotated coordinates.
+    """z = sinh(δ asinh((R y − ξ)/λ) − ε), y the whitened or rotated coordinates."""
 
-    Parameters
-    ----------
-    centre : ndarray, shape (parameter,)
-        Taken away first.
-    rotation : ndarray, shape (parameter, parameter)
-        R; of any determinant.
-    shape : ndarray, shape (4, parameter)
-        ξ, log λ, ε, log δ.
-    """
-
-    centre: Float[np.ndarray, " parameter"]
-    rotation: Float[np.ndarray, "parameter parameter"]
-    shape: Float[np.ndarray, "4 parameter"]
+    centre: Float[np.ndarray, " parameter"]  # Taken away first
+    rotation: Float[np.ndarray, "parameter parameter"]  # R; of any determinant
+    shape: Float[np.ndarray, "4 parameter"]  # ξ, log λ, ε, log δ
 
     def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates after the layer, and the log determinant of its derivative."""
@@ -113,32 +103,13 @@ def _layers(x: np.ndarray, rotations: list[np.ndarray]) -> tuple[_Layer, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FittedDensity:
-    """A density that was fitted to draws.
+    """A density that was fitted to draws."""
 
-    Parameters
-    ----------
-    layers : tuple
-        From the draws to standard normal coordinates.
-    """
-
-    layers: tuple[_Layer, ...]
+    layers: tuple[_Layer, ...]  # From the draws to standard normal coordinates
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "draw parameter"], rng: np.random.Generator) -> FittedDensity:
-        """Fit a density.
-
-        Parameters
-        ----------
-        draws : ndarray, shape (draw, parameter)
-            In unconstrained coordinates.
-        rng : numpy.random.Generator
-            Chooses the rotations.
-
-        Returns
-        -------
-        FittedDensity
-            The density.
-        """
+        """Fit a density."""
         order = rng.permutation(len(draws))
         held_out, kept = np.split(order, [round(HELD_OUT * len(draws))])
         dimension = draws.shape[1]
@@ -148,18 +119,7 @@ class FittedDensity:
         return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
 
     def in_normal_coordinates(self, x: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map points to where the density is standard normal.
-
-        Parameters
-        ----------
-        x : ndarray, shape (point, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shapes (point, parameter) and (point,)
-            z, and log |det dz/dx|.
-        """
+        """Map points to where the density is standard normal."""
         total = np.zeros(len(x))
         for layer in self.layers:
             x, slope = layer.forward(x)
@@ -167,37 +127,13 @@ class FittedDensity:
         return x, total
 
     def of_normal_coordinates(self, z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point parameter"]:
-        """Map points back from there.
-
-        Parameters
-        ----------
-        z : ndarray, shape (point, parameter)
-            Normal coordinates.
-
-        Returns
-        -------
-        ndarray, shape (point, parameter)
-            x, unconstrained coordinates.
-        """
+        """Map points back from there."""
         for layer in reversed(self.layers):
             z = layer.backward(z)
         return z
 
     def log_density(self, x: Float[np.ndarray, "point parameter"], width: float = 1.0) -> Float[np.ndarray, " point"]:
-        """Log density, normalised.
-
-        Parameters
-        ----------
-        x : ndarray, shape (point, parameter)
-            Unconstrained coordinates.
-        width : float
-            Standard deviation of the normal coordinates; see `draw`.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            With respect to them.
-        """
+        """Log density, normalised."""
         z, slope = self.in_normal_coordinates(x)
         normal = -0.5 * np.sum((z / width) ** 2, axis=1) - z.shape[1] * (np.log(width) + 0.5 * np.log(2.0 * np.pi))
         return np.asarray(slope + normal)
@@ -206,19 +142,5 @@ class FittedDensity:
         """Draw from it, or from a wider law that goes on where the draws end.
 
         In the normal coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-        width : float
-            Standard deviation of the normal coordinates: √2 for the square root of a normal density.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
         """
         return self.of_normal_coordinates(width * rng.standard_normal((count, len(self.layers[0].centre))))

@@ -40,32 +40,7 @@ def searched(
     limits: Limits,
     rng: np.random.Generator,
 ) -> Points:
-    """Run the model where a mode could be that q does not have.
-
-    Parameters
-    ----------
-    law : DrawnLaw
-        q.
-    at_draws : tuple of ndarray
-        Runs at fresh draws of q, one or more of them finite.
-    known : tuple of ndarray
-        Runs that somebody else has made.
-    middle : float
-        log π/q, in the middle of the draws.
-    count : int
-        Runs at most; twice as many where one of them has come near to something.
-    run : callable
-        From points (point, parameter) in SI to log π there.
-    limits : Limits
-        Which say what would matter.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    tuple of ndarray
-        The runs that were made. The search ends when something is found, or when nothing is likely to be.
-    """
+    """Run the model where a mode could be that q does not have."""
     scouts = law.posterior.initial(SCOUTS, rng)
     scouts = scouts[np.isfinite(scouts).all(axis=1)]
     chart = standardised_by(scouts)

@@ -29,18 +29,7 @@ Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Give the chart in which some points have mean zero and unit covariance; its first guess is zero.
-
-    Parameters
-    ----------
-    points : ndarray, shape (point, parameter)
-        In unconstrained coordinates.
-
-    Returns
-    -------
-    callable
-        See `Chart`.
-    """
+    """Give the chart in which some points have mean zero and unit covariance; its first guess is zero."""
     centre, root = points.mean(axis=0), np.linalg.cholesky(np.atleast_2d(np.cov(points.T)))
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,20 +39,7 @@ def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
 
 
 def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Give the chart of the parameters themselves: near a bound, φ goes far where hardly anything changes.
-
-    Parameters
-    ----------
-    bijection : Bijection
-        From φ to the parameters.
-    theta : ndarray, shape (point, parameter)
-        Points which then have mean zero and unit covariance, in SI.
-
-    Returns
-    -------
-    callable
-        See `Chart`; its first guess makes a density that is constant in the parameters.
-    """
+    """Give the chart of the parameters themselves: near a bound, φ goes far where hardly anything changes."""
     standardised = standardised_by(theta)
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,18 +50,7 @@ def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point paramete
 
 
 def normal_by(fitted: FittedDensity) -> Chart:
-    """Give the chart in which a fitted density is standard normal; its first guess is that density.
-
-    Parameters
-    ----------
-    fitted : FittedDensity
-        In unconstrained coordinates.
-
-    Returns
-    -------
-    callable
-        See `Chart`.
-    """
+    """Give the chart in which a fitted density is standard normal; its first guess is that density."""
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         z, slope = fitted.in_normal_coordinates(phi)
@@ -96,27 +61,13 @@ def normal_by(fitted: FittedDensity) -> Chart:
 
 @dataclass(frozen=True, eq=False)
 class KrigedDensity:
-    """A log density with respect to φ, between points where it is known.
+    """A log density with respect to φ, between points where it is known."""
 
-    Parameters
-    ----------
-    chart : callable
-        See `Chart`.
-    correlation : str
-        Of the Kriging.
-    phi : ndarray, shape (run, parameter)
-        Where it is known.
-    values : ndarray, shape (run,)
-        What it is there.
-    kriging : KrigingPredictor
-        Of the difference from the chart's first guess.
-    """
-
-    chart: Chart
-    correlation: Correlation
-    phi: Float[np.ndarray, "run parameter"]
-    values: Float[np.ndarray, " run"]
-    kriging: KrigingPredictor
+    chart: Chart  # See `Chart`
+    correlation: Correlation  # Of the Kriging
+    phi: Float[np.ndarray, "run parameter"]  # Where it is known
+    values: Float[np.ndarray, " run"]  # What it is there
+    kriging: KrigingPredictor  # Of the difference from the chart's first guess
 
     @classmethod
     def fitted(
@@ -127,20 +78,7 @@ class KrigedDensity:
         values: np.ndarray,
         start: KrigingPredictor | None = None,
     ) -> KrigedDensity:
-        """Fit one.
-
-        Parameters
-        ----------
-        chart, correlation, phi, values
-            As in the class.
-        start : KrigingPredictor, optional
-            From whose correlation lengths the search for them begins.
-
-        Returns
-        -------
-        KrigedDensity
-            The density.
-        """
+        """Fit one."""
         z, guess = chart(phi)
         edges = {f"z{place}": Uniform(column.min() - 1.0, column.max() + 1.0) for place, column in enumerate(z.T)}
         space = ParameterSpace(None, None, None, **edges)
@@ -155,74 +93,24 @@ class KrigedDensity:
         values: np.ndarray,
         counts: Float[np.ndarray, " run"],
     ) -> KrigedDensity:
-        """Fit that form whose leave-one-out errors vary least.
-
-        Parameters
-        ----------
-        forms : sequence of tuple
-            Chart and correlation of each.
-        phi, values
-            As in the class.
-        counts : ndarray, shape (run,)
-            What the error at each run counts.
-
-        Returns
-        -------
-        KrigedDensity
-            The best one.
-        """
+        """Fit that form whose leave-one-out errors vary least."""
         found = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
         return min(found, key=lambda one: one.error(counts))
 
     def error(self, counts: Float[np.ndarray, " run"]) -> float:
-        """Weighted standard deviation of the leave-one-out errors.
-
-        Parameters
-        ----------
-        counts : ndarray, shape (run,)
-            Weights.
-
-        Returns
-        -------
-        float
-            In nats.
-        """
+        """Weighted standard deviation of the leave-one-out errors."""
         residuals, shares = self.kriging.leave_one_out_residuals[:, 0], counts / counts.sum()
         return float(np.sqrt(shares @ (residuals - shares @ residuals) ** 2))
 
     def without(self, left_out: np.ndarray) -> KrigedDensity:
-        """Fit the same form to all runs but some.
-
-        Parameters
-        ----------
-        left_out : ndarray of int
-            Places of those.
-
-        Returns
-        -------
-        KrigedDensity
-            Of the others.
-        """
+        """Fit the same form to all runs but some."""
         kept = np.setdiff1d(np.arange(len(self.phi)), left_out)
         return self.fitted(self.chart, self.correlation, self.phi[kept], self.values[kept], self.kriging)
 
     def believing(
         self, phi: Float[np.ndarray, "point parameter"], values: Float[np.ndarray, " point"]
     ) -> KrigedDensity:
-        """Add what is predicted at further points, so that it is sure there.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (point, parameter)
-            In unconstrained coordinates.
-        values : ndarray, shape (point,)
-            What is predicted.
-
-        Returns
-        -------
-        KrigedDensity
-            The same form.
-        """
+        """Add what is predicted at further points, so that it is sure there."""
         return self.fitted(
             self.chart,
             self.correlation,
@@ -232,18 +120,7 @@ class KrigedDensity:
         )
 
     def at(self, phi: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Predict it.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (point, parameter)
-            In unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (point,)
-            Log density, and the standard deviation of the Kriging.
-        """
+        """Predict it."""
         z, guess = self.chart(phi)
         mean, deviation = self.kriging.predict(z, return_std=True)
         return guess + mean[:, 0], deviation[:, 0]

@@ -43,21 +43,7 @@ DEEPEST = 60.0
 
 
 class LearntLaw:
-    """q′, learnt from true runs.
-
-    Parameters
-    ----------
-    law : DrawnLaw
-        q.
-    judges : Chosen
-        Fresh draws, in q's support.
-    fresh : FreshDraws
-        The same, with what the model says; none has failed.
-    known : tuple of ndarray
-        Further points (point, parameter) in SI, and log π there.
-    rng : numpy.random.Generator
-        Chooses points at which q and q′ are compared.
-    """
+    """q′, learnt from true runs."""
 
     def __init__(
         self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
@@ -78,18 +64,7 @@ class LearntLaw:
         return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
 
     def stored(self, limits: Limits) -> StoredRuns:
-        """Compare the runs with q′, where points for runs come, and elsewhere with q.
-
-        Parameters
-        ----------
-        limits : Limits
-            Which say what runs matter.
-
-        Returns
-        -------
-        StoredRuns
-            Each with what is predicted there without it: a run that no other one foretells may stand in a mode of its own.
-        """
+        """Compare the runs with q′, where points for runs come, and elsewhere with q."""
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
         covered = self.law.covers(self.theta)
         log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
@@ -109,13 +84,7 @@ class LearntLaw:
         )
 
     def judging(self) -> FreshDraws:
-        """Let the fresh draws judge q′.
-
-        Returns
-        -------
-        FreshDraws
-            The same draws, with log densities of laws that have not seen them, and shares of averages over q′.
-        """
+        """Let the fresh draws judge q′."""
         fresh, count = self.fresh, len(self.fresh.theta)
         rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
         some, compared = rows[:COMPARED], self._compared(self.around.theta)
@@ -138,18 +107,7 @@ class LearntLaw:
         )
 
     def worth_teaching(self, count: int) -> Float[np.ndarray, "point parameter"]:
-        """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-
-        Returns
-        -------
-        ndarray, shape (point, parameter)
-            In SI.
-        """
+        """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure."""
         theta, weights = self.around.theta[self.covered], self.weights[self.covered]
         phi = self.law.bijection.inverse(theta)
         places: list[int] = []

@@ -53,21 +53,7 @@ class _Averages(NamedTuple):
 
 
 def not_its_draws(law: DrawnLaw, rng: np.random.Generator) -> tuple[str, ...]:
-    """Say by Stein's identity that draws are not those of a density.
-
-    Parameters
-    ----------
-    law : DrawnLaw
-        Its draws, in coordinates without bounds, and the log density at them.
-    rng : numpy.random.Generator
-        Chooses the draws that are interpolated.
-
-    Returns
-    -------
-    tuple of str
-        A sentence where one of both identities does not hold within the errors of Monte Carlo and of the Kriging, or where these
-        are so large that it would hold for half of a law, too.
-    """
+    """Say by Stein's identity that draws are not those of a density."""
     found = _averages(law, rng)
     slope = np.abs(found.slope) - found.slope_error - SLOPE
     spread = np.abs(found.spread - 1.0) - found.spread_error - SPREAD

@@ -33,24 +33,6 @@ def with_what_is_excluded(
     If a share δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
     √(δ/(1 − δ)) standard deviations at most. Of a normal law that is cut off h nats below its highest density, δ = P(χ²_d > 2h) is
     missing. This holds for the mode that was drawn. A valley between it and an excluded place is a sign of another one.
-
-    Parameters
-    ----------
-    law : DrawnLaw
-        q.
-    fresh : FreshDraws
-        Draws of it.
-    runs : tuple of ndarray
-        True runs, of which some may lie where q is zero.
-    run : callable
-        From points (point, parameter) in SI to log π there.
-    limits : Limits
-        Which say what matters.
-
-    Returns
-    -------
-    tuple of FreshDraws and tuple of str
-        The draws with that share, and a sentence for what speaks against q.
     """
     theta, log_true = runs
     highest = fresh.log_true.max(initial=-np.inf)

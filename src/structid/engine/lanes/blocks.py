@@ -33,15 +33,7 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[], None], parts: int) -> None:
-    """Let every core work until nothing is left.
-
-    Parameters
-    ----------
-    work : callable
-        Takes parts that nobody has taken yet, one after the other, and returns when none is left.
-    parts : int
-        How many there are: no more cores are called.
-    """
+    """Let every core work until nothing is left."""
     cores = cores_to_use()
     others = [_threads(cores - 1).submit(work) for _ in range(min(cores, parts) - 1)]
     work()

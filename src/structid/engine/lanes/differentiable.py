@@ -18,20 +18,6 @@ def differentiable_in_lanes(
 
     Derivatives go forward, along all parameters at once, beside the density itself: parameters are few and histories long. What the
     directions have in common, such as the matrix of an equilibrium, is computed once.
-
-    Parameters
-    ----------
-    density : callable
-        ``density(phi, *constants)``: from points (run, parameter) to numbers (run,), inside JAX.
-    parameters : int
-        How many.
-    constants : tuple of tree of arrays
-        The same for all runs.
-
-    Returns
-    -------
-    callable or None
-        ``density(phi)`` inside JAX, which can be differentiated once; None where lanes cannot do it.
     """
 
     def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:

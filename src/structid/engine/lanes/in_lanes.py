@@ -42,18 +42,6 @@ class InLanes:
 
     The function is traced for one run, and what JAX lists of it is written as vector code. Where something in it has no vector
     code, or nothing can be compiled here, JAX runs it.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(theta, *constants)``, or ``function(theta, signals, *constants)`` where runs have signals of their own: maps
-        ``theta[run, ...]`` and ``signals[time, signal, run]`` to a tree of arrays; the constants are the same for all runs.
-    run_axes : int or tree of int
-        Where the run axis is in what `function` returns.
-    shard : bool
-        Whether JAX should share the runs out over the cores.
-    one_array : bool
-        Whether the only constant is an array of floats that a loop goes through: others of its shape need no other code.
     """
 
     def __init__(
@@ -73,22 +61,7 @@ class InLanes:
     def __call__(
         self, theta: Float[np.ndarray, "run parameter"], *constants: Any, signals: Signals | None = None
     ) -> Any:
-        """Call the function.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            One row for each run.
-        *constants : tree of arrays
-            The same for all.
-        signals : Signals, optional
-            What each run goes through alone.
-
-        Returns
-        -------
-        tree of ndarray
-            What the function returns.
-        """
+        """Call the function."""
         theta = np.asarray(theta, dtype=np.float64)
         lanes = self.compiled(theta.shape[1], constants, None if signals is None else signals.shape)
         if lanes is not None:
@@ -113,22 +86,7 @@ class InLanes:
     def compiled(
         self, parameters: int, constants: tuple[Any, ...], signals: tuple[int, int] | None = None
     ) -> _Bound | None:
-        """Compile the function, or take it from where it was compiled before.
-
-        Parameters
-        ----------
-        parameters : int
-            Length of a row.
-        constants : tuple of tree of arrays
-            The same for all runs.
-        signals : tuple of int, optional
-            Numbers of samples and of signals, where runs have signals of their own.
-
-        Returns
-        -------
-        callable or None
-            From rows to what the function returns; None where lanes cannot do it, and `why_not` says why.
-        """
+        """Compile the function, or take it from where it was compiled before."""
         if self.why_not:
             return None
         try:
@@ -191,18 +149,7 @@ class _Bound:
         return self._run(theta, None if self._foreign_on_host is None else self._foreign_on_host(theta), signals)
 
     def inside_jax(self, theta: Float[Array, "run parameter"]) -> Any:
-        """Call the function from inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            One row for each run.
-
-        Returns
-        -------
-        tree of jax.Array
-            What the function returns, with the runs first. It has no derivative.
-        """
+        """Call the function from inside JAX."""
         foreign = jnp.zeros((0, theta.shape[0])) if self._foreign is None else self._foreign(theta)
         shapes = [jax.ShapeDtypeStruct((theta.shape[0], *o.shape), o.kind) for o in self._outputs]
 

@@ -35,46 +35,20 @@ LARGEST_STACK = 1 << 17
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function of many runs as text, and what goes with it.
+    """A function of many runs as text, and what goes with it."""
 
-    Parameters
-    ----------
-    text : str
-        For LLVM.
-    width : int
-        Runs in a block.
-    shared : ndarray
-        Numbers that all runs share.
-    outputs : tuple of History or shape
-        Where each output is: a history, or rows of the results one after the other.
-    taken, rows, histories : int
-        Rows of the arguments, of the results, and of the buffer of histories.
-    arrays : dict of bytes to int
-        Where each long array begins among the shared numbers.
-    """
-
-    text: str
-    width: int
-    shared: np.ndarray
+    text: str  # For LLVM
+    width: int  # Runs in a block
+    shared: np.ndarray  # Numbers that all runs share
+    # Where each output is: a history, or rows of the results one after the other
     outputs: tuple[History | tuple[int, ...], ...]
-    taken: int
-    rows: int
-    histories: int
-    arrays: dict[bytes, int]
+    taken: int  # Rows of the arguments, of the results, and of the buffer of histories
+    rows: int  # Rows of the arguments, of the results, and of the buffer of histories
+    histories: int  # Rows of the arguments, of the results, and of the buffer of histories
+    arrays: dict[bytes, int]  # Where each long array begins among the shared numbers
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
-        """Put another array of the same shape in the place of the only long one.
-
-        Parameters
-        ----------
-        old, new : ndarray
-            The arrays.
-
-        Returns
-        -------
-        Kernel
-            With the same text.
-        """
+        """Put another array of the same shape in the place of the only long one."""
         [(held, first)] = self.arrays.items()
         assert held == old.tobytes(), "the array is in the table as it is"
         shared = self.shared.copy()
@@ -83,27 +57,7 @@ class Kernel:
 
 
 def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
-    """Write a function of one run as one of many.
-
-    Parameters
-    ----------
-    function : Function
-        Of the numbers of one run and, where runs have them, of its signals (time, signal, 1).
-    width : int
-        Runs in a block.
-    foreign : sequence of Var
-        Results in it that somebody else computes: further arguments.
-
-    Returns
-    -------
-    Kernel
-        The text, and what goes with it.
-
-    Raises
-    ------
-    UntranslatableError
-        If something in it has no vector code.
-    """
+    """Write a function of one run as one of many."""
     code = VectorCode(width)
     translator = Translator(code)
     theta, *signals = (v.aval for v in function.invars)
@@ -166,15 +120,7 @@ def _in_memory(
 
 
 class _Memory:
-    """Where histories are: those that are returned, in a buffer; the others, on the stack of the thread that works on a block.
-
-    Parameters
-    ----------
-    translator : Translator
-        That made them.
-    returned : set of int
-        Numbers of those that are returned.
-    """
+    """Where histories are: those that are returned, in a buffer; the others, on the stack of the thread that works on a block."""
 
     def __init__(self, translator: Translator, returned: set[int]) -> None:
         self._translator, self.rows = translator, 0

@@ -41,13 +41,7 @@ os.register_at_fork(after_in_child=_forget)
 
 @functools.cache
 def why_not() -> str:
-    """Say why nothing can be compiled here.
-
-    Returns
-    -------
-    str
-        The reason; empty where it can.
-    """
+    """Say why nothing can be compiled here."""
     if os.environ.get("STRUCTID_ENGINE") == "jax":
         return "STRUCTID_ENGINE=jax"
     try:
@@ -62,18 +56,7 @@ def why_not() -> str:
 
 
 def levels(text: str) -> tuple[int, int]:
-    """Say how far LLVM's passes, and its writing of code, are to optimise.
-
-    Parameters
-    ----------
-    text : str
-        For LLVM.
-
-    Returns
-    -------
-    tuple of int
-        0 to 3 each.
-    """
+    """Say how far LLVM's passes, and its writing of code, are to optimise."""
     return 2, 3
 
 
@@ -130,13 +113,7 @@ def _machine() -> _Machine:
 
 
 def engine() -> str:
-    """Name what runs loops over time here, for stores: another engine gives the same numbers but for the last digits.
-
-    Returns
-    -------
-    str
-        ``lanes 1``, with the version of their arithmetic, or ``jax``.
-    """
+    """Name what runs loops over time here, for stores: another engine gives the same numbers but for the last digits."""
     return "jax" if why_not() else f"lanes {ARITHMETIC}"
 
 
@@ -149,47 +126,18 @@ def lanes(state: int = 1) -> int:
     """Number of runs in a block: two registers for each number, or a core would wait for one operation to begin the next.
 
     A larger state has one register for each number: it keeps the core busy by itself, and twice as many would be in memory.
-
-    Parameters
-    ----------
-    state : int
-        How many numbers of a run change from step to step.
-
-    Returns
-    -------
-    int
-        For a small state 16 where a register holds eight numbers, 8 where it holds four or two; for a larger one half of that.
     """
     in_a_register = 8 if _machine().wide else 4
     return in_a_register * (2 if state <= LARGEST_DOUBLE_STATE else 1)
 
 
 def processor() -> str:
-    """Name of the processor that code is compiled for.
-
-    Returns
-    -------
-    str
-        LLVM's name.
-    """
+    """Name of the processor that code is compiled for."""
     return _machine().processor
 
 
 def load(text: str, function: str) -> Callable[..., None]:
-    """Compile a function, or take it from memory or disk where it has been compiled before.
-
-    Parameters
-    ----------
-    text : str
-        For LLVM.
-    function : str
-        The function in it, of the arguments of a kernel.
-
-    Returns
-    -------
-    callable
-        It lets go of Python's lock while it runs.
-    """
+    """Compile a function, or take it from memory or disk where it has been compiled before."""
     with _lock:
         machine = _machine()
         name = hashlib.sha256(f"{machine.identity}, {levels(text)}\n{text}".encode()).hexdigest()[:32]

@@ -10,18 +10,10 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Signals of many runs, each with its own.
+    """Signals of many runs, each with its own."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (set, time, signal)
-        The signals.
-    set_of_run : ndarray of int, shape (run,), optional
-        Which of them each run has; when left out, each run has its own.
-    """
-
-    values: Float[np.ndarray, "set time signal"]
-    set_of_run: Int[np.ndarray, " run"] | None = None
+    values: Float[np.ndarray, "set time signal"]  # The signals
+    set_of_run: Int[np.ndarray, " run"] | None = None  # Which of them each run has; when left out, each run has its own
     _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -36,18 +28,7 @@ class Signals:
         return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
     def in_blocks(self, width: int) -> Float[np.ndarray, "block time signal lane"]:
-        """Put the runs of a block beside each other, so that it reads its samples one after the other.
-
-        Parameters
-        ----------
-        width : int
-            Runs in a block.
-
-        Returns
-        -------
-        ndarray, shape (block, time, signal, lane)
-            The last block is filled with its last run. It is made once.
-        """
+        """Put the runs of a block beside each other, so that it reads its samples one after the other."""
         if width not in self._in_blocks:
             sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
             filled = np.pad(sets, (0, -len(sets) % width), mode="edge")

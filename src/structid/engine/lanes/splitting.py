@@ -24,23 +24,7 @@ AT_ONCE = (8, 16, 32, 64, 256)
 
 
 def foreign_results(function: Function) -> list[Any]:
-    """Find results of operations on a run's numbers that have no vector code.
-
-    Parameters
-    ----------
-    function : Function
-        The function.
-
-    Returns
-    -------
-    list of Var
-        Those that something with vector code, or the function's result, needs.
-
-    Raises
-    ------
-    UntranslatableError
-        If such an operation comes after a loop over time, or nothing in the function is one.
-    """
+    """Find results of operations on a run's numbers that have no vector code."""
     of_run: set[Any] = set(function.invars)
     after_loop: set[Any] = set()
     foreign: set[Any] = set()
@@ -101,20 +85,7 @@ def _needed(function: Function, foreign: set[Any]) -> list[Any]:
 
 
 def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
-    """Give what leads to some results of a function of one run, for many, inside JAX.
-
-    Parameters
-    ----------
-    function : Function
-        Of θ, shape (1, parameter).
-    results : sequence of Var
-        What is wanted.
-
-    Returns
-    -------
-    callable
-        From θ (run, parameter) to the numbers of all results, shape (number, run).
-    """
+    """Give what leads to some results of a function of one run, for many, inside JAX."""
     wanted, steps = set(results), []
     for equation in reversed(function.eqns):
         if wanted.intersection(equation.outvars):
@@ -135,18 +106,7 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
 
 
 def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """Compile a function of many runs, so that few shapes are compiled.
-
-    Parameters
-    ----------
-    function : callable
-        Inside JAX, from θ (run, parameter) to numbers (number, run).
-
-    Returns
-    -------
-    callable
-        The same of NumPy arrays, for any number of runs.
-    """
+    """Compile a function of many runs, so that few shapes are compiled."""
     compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:

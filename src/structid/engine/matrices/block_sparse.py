@@ -25,98 +25,40 @@ from structid.engine.matrices.row_by_row import in_rows
 
 @dataclass(frozen=True, eq=False)
 class SparseMatrix:
-    """A matrix that all runs share.
+    """A matrix that all runs share."""
 
-    Parameters
-    ----------
-    dense : ndarray, shape (row, column)
-        With its zeros.
-    """
-
-    dense: Float[np.ndarray, "row column"] = field(repr=False)
+    dense: Float[np.ndarray, "row column"] = field(repr=False)  # With its zeros
 
     def times(self, x: Float[Array, "column run"]) -> Float[Array, "row run"]:
-        """Compute A x, inside JAX.
-
-        Parameters
-        ----------
-        x : array, shape (column, run)
-            Of each run its own.
-
-        Returns
-        -------
-        jax.Array, shape (row, run)
-            The product.
-        """
+        """Compute A x, inside JAX."""
         return sparse_times.bind(x, matrix=self) if in_rows() else jnp.asarray(self.dense) @ x
 
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Places of the 2 × 2 blocks of a square matrix that may not be zero.
+    """Places of the 2 × 2 blocks of a square matrix that may not be zero."""
 
-    Parameters
-    ----------
-    rows, columns : ndarray of int, shape (block,)
-        Where they are. The diagonal is among them, and with (i, j) also (j, i).
-    size : int
-        Number of rows of blocks.
-    """
-
+    # Where they are. The diagonal is among them, and with (i, j) also (j, i)
     rows: Int[np.ndarray, " block"] = field(repr=False)
+    # Where they are. The diagonal is among them, and with (i, j) also (j, i)
     columns: Int[np.ndarray, " block"] = field(repr=False)
-    size: int
+    size: int  # Number of rows of blocks
 
     @classmethod
     def of(cls, touching: Bool[np.ndarray, "size size"]) -> BlockPattern:
-        """Take the pattern of a matrix of truths.
-
-        Parameters
-        ----------
-        touching : ndarray of bool, shape (size, size)
-            Symmetric.
-
-        Returns
-        -------
-        BlockPattern
-            With its diagonal.
-        """
+        """Take the pattern of a matrix of truths."""
         rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
         return cls(rows, columns, len(touching))
 
     def dense(self, blocks: Float[Array, "block 2 2 run"]) -> Float[Array, "run _ _"]:
-        """Write a matrix out, inside JAX.
-
-        Parameters
-        ----------
-        blocks : array, shape (block, 2, 2, run)
-            Its blocks.
-
-        Returns
-        -------
-        jax.Array, shape (run, 2 size, 2 size)
-            The matrix.
-        """
+        """Write a matrix out, inside JAX."""
         runs = blocks.shape[-1]
         zeros = jnp.zeros((self.size, self.size, 2, 2, runs))
         placed = zeros.at[self.rows, self.columns].set(blocks)
         return placed.transpose(4, 0, 2, 1, 3).reshape(runs, 2 * self.size, 2 * self.size)
 
     def times(self, blocks: Float[Array, "block 2 2 run"], x: Float[Array, "_ run"]) -> Float[Array, "_ run"]:
-        """Compute A x, inside JAX.
-
-        Parameters
-        ----------
-        blocks : array, shape (block, 2, 2, run)
-            A.
-        x : array, shape (2 size, run)
-            Of each run its own.
-
-        Returns
-        -------
-        jax.Array, shape (2 size, run)
-            The product.
-        """
+        """Compute A x, inside JAX."""
         if in_rows():
             return block_times.bind(blocks, x, pattern=self)
         return self._times_densely(blocks, x)
@@ -130,22 +72,7 @@ class BlockPattern:
         diagonal: Float[Array, "size 2 2 run"],
         right: Float[Array, "_ run"],
     ) -> Float[Array, "_ run"]:
-        """Solve (I + A D) x = b, inside JAX.
-
-        Parameters
-        ----------
-        blocks : array, shape (block, 2, 2, run)
-            A.
-        diagonal : array, shape (size, 2, 2, run)
-            Blocks of D on its diagonal.
-        right : array, shape (2 size, run)
-            b.
-
-        Returns
-        -------
-        jax.Array, shape (2 size, run)
-            x. In lanes without pivoting: the matrix must be one that needs none.
-        """
+        """Solve (I + A D) x = b, inside JAX."""
         if in_rows():
             return block_solve.bind(blocks, diagonal, right, pattern=self)
         return self._solve_densely(blocks, diagonal, right)

@@ -10,59 +10,26 @@ from jaxtyping import Int
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Places of the blocks with those that fill in, and the operations of LU without pivoting.
+    """Places of the blocks with those that fill in, and the operations of LU without pivoting."""
 
-    Parameters
-    ----------
-    order : ndarray of int, shape (size,)
-        Unknowns as they are eliminated.
-    diagonal : ndarray of int, shape (size,)
-        Place of the diagonal block of each, in that order.
-    given : ndarray of int, shape (block,)
-        Places of the pattern's own blocks.
-    count : int
-        Number of places.
-    below, first_below : ndarray of int
-        Places of the blocks below each pivot, one after the other, and where those of a pivot begin.
-    row_below : ndarray of int
-        Unknowns of these blocks.
-    beside, first_beside, row_beside : ndarray of int
-        The same of the blocks to the right.
-    target : ndarray of int
-        For every pivot, block below and block beside it: the place that their product is subtracted from.
-    first_target : ndarray of int, shape (below,)
-        Where those of a block below begin.
-    """
-
-    order: Int[np.ndarray, " size"]
-    diagonal: Int[np.ndarray, " size"]
-    given: Int[np.ndarray, " block"]
-    count: int
-    below: np.ndarray
+    order: Int[np.ndarray, " size"]  # Unknowns as they are eliminated
+    diagonal: Int[np.ndarray, " size"]  # Place of the diagonal block of each, in that order
+    given: Int[np.ndarray, " block"]  # Places of the pattern's own blocks
+    count: int  # Number of places
+    below: np.ndarray  # Places of the blocks below each pivot, one after the other, and where those of a pivot begin
+    # Places of the blocks below each pivot, one after the other, and where those of a pivot begin
     first_below: np.ndarray
-    row_below: np.ndarray
-    beside: np.ndarray
-    first_beside: np.ndarray
-    row_beside: np.ndarray
+    row_below: np.ndarray  # Unknowns of these blocks
+    beside: np.ndarray  # The same of the blocks to the right
+    first_beside: np.ndarray  # The same of the blocks to the right
+    row_beside: np.ndarray  # The same of the blocks to the right
+    # For every pivot, block below and block beside it: the place that their product is subtracted from
     target: np.ndarray
-    first_target: Int[np.ndarray, " below"]
+    first_target: Int[np.ndarray, " below"]  # Where those of a block below begin
 
 
 def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " block"], size: int) -> Elimination:
-    """Plan the elimination of a matrix with a symmetric pattern.
-
-    Parameters
-    ----------
-    rows, columns : ndarray of int, shape (block,)
-        Places of its blocks, those of the diagonal among them.
-    size : int
-        Number of rows of blocks.
-
-    Returns
-    -------
-    Elimination
-        In the order of minimum degree.
-    """
+    """Plan the elimination of a matrix with a symmetric pattern."""
     order, filled = _minimum_degree(rows, columns, size)
     place = {pair: number for number, pair in enumerate(sorted(filled))}
     position = {int(unknown): number for number, unknown in enumerate(order)}

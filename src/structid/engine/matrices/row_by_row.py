@@ -27,13 +27,7 @@ def row_by_row() -> Iterator[None]:
 
 
 def in_rows() -> bool:
-    """Say whether what is traced now is traced for lanes.
-
-    Returns
-    -------
-    bool
-        True within `row_by_row`.
-    """
+    """Say whether what is traced now is traced for lanes."""
     return _row_by_row.get()
 
 
@@ -42,20 +36,7 @@ COLUMNS = 6
 
 
 def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"]) -> Float[Array, "run column"]:
-    """Compute X B, inside JAX.
-
-    Parameters
-    ----------
-    values : array, shape (run, row)
-        X, of each run its own.
-    matrix : array, shape (row, column)
-        B.
-
-    Returns
-    -------
-    jax.Array, shape (run, column)
-        X B.
-    """
+    """Compute X B, inside JAX."""
     if matrix.shape[0] == 1:
         return values * matrix
     return _by_rows(values.T, matrix) if _row_by_row.get() else values @ matrix
@@ -64,22 +45,7 @@ def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"])
 def product_of(
     columns_of: Callable[[Any], Any], rows: Float[Array, "row ..."], matrix: Float[Array, "row column"]
 ) -> Float[Array, "run column"]:
-    """Compute X B, where a function gives the columns of X that belong to some rows of B, inside JAX.
-
-    Parameters
-    ----------
-    columns_of : callable
-        ``columns_of(rows)``: X, shape (run, row).
-    rows : array, shape (row, …)
-        What the function takes.
-    matrix : array, shape (row, column)
-        B.
-
-    Returns
-    -------
-    jax.Array, shape (run, column)
-        X B.
-    """
+    """Compute X B, where a function gives the columns of X that belong to some rows of B, inside JAX."""
     if not _row_by_row.get():
         return columns_of(rows) @ matrix
     _, columns = lax.scan(lambda _, row: (None, columns_of(row[None])[:, 0]), None, rows)

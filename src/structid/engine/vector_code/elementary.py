@@ -40,20 +40,7 @@ SMALLEST_NORMAL = 2.0**-1022
 
 
 def exponential(code: VectorCode, x: Number) -> Number:
-    """Compute eˣ = 2ᵏ eʳ with |r| ≤ ½ log 2.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    x : Number
-        The argument.
-
-    Returns
-    -------
-    Number
-        eˣ to 4e-16 of itself; 0 below −707.
-    """
+    """Compute eˣ = 2ᵏ eʳ with |r| ≤ ½ log 2."""
     if not isinstance(x, Register):
         return math.exp(x)
     # A NaN stays one: where a comparison fails, the argument itself is taken.
@@ -71,20 +58,7 @@ def exponential(code: VectorCode, x: Number) -> Number:
 
 
 def logarithm(code: VectorCode, x: Number) -> Number:
-    """Compute log x = e log 2 + 2 atanh s with x = 2ᵉ m, √½ ≤ m < √2, s = (m − 1)/(m + 1).
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    x : Number
-        The argument.
-
-    Returns
-    -------
-    Number
-        log x to 4e-16 of itself; −∞ at 0, NaN below.
-    """
+    """Compute log x = e log 2 + 2 atanh s with x = 2ᵉ m, √½ ≤ m < √2, s = (m − 1)/(m + 1)."""
     if not isinstance(x, Register):
         return math.log(x) if x > 0 else -math.inf if x == 0 else math.nan
     tiny = _compare(code, "olt", x, SMALLEST_NORMAL)
@@ -114,20 +88,7 @@ def logarithm(code: VectorCode, x: Number) -> Number:
 
 
 def logarithm_of_one_plus(code: VectorCode, x: Number) -> Number:
-    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose error the quotient takes back (W. Kahan).
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    x : Number
-        The argument.
-
-    Returns
-    -------
-    Number
-        log(1 + x), accurate for small x too.
-    """
+    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose error the quotient takes back (W. Kahan)."""
     if not isinstance(x, Register):
         return math.log1p(x) if x > -1 else -math.inf if x == -1 else math.nan
     u = code.operation("fadd", [x, 1.0])

@@ -16,71 +16,34 @@ CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_j
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Something that an operation makes.
+    """Something that an operation makes."""
 
-    Parameters
-    ----------
-    aval : Any
-        Its shape and kind.
-    """
-
-    aval: Any
+    aval: Any  # Its shape and kind
 
 
 @dataclass(frozen=True)
 class Operation:
-    """A primitive operation, as an equation of a jaxpr says it.
+    """A primitive operation, as an equation of a jaxpr says it."""
 
-    Parameters
-    ----------
-    primitive : Any
-        Which.
-    params : dict
-        What else it needs to know.
-    invars, outvars : tuple
-        What it takes, and what it makes.
-    """
-
-    primitive: Any
-    params: dict[str, Any]
-    invars: tuple[Any, ...]
-    outvars: tuple[Any, ...]
+    primitive: Any  # Which
+    params: dict[str, Any]  # What else it needs to know
+    invars: tuple[Any, ...]  # What it takes, and what it makes
+    outvars: tuple[Any, ...]  # What it takes, and what it makes
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function whose calls of others are written out: operations only. What a loop does in each pass stays as it is.
+    """A function whose calls of others are written out: operations only. What a loop does in each pass stays as it is."""
 
-    Parameters
-    ----------
-    invars, outvars : sequence
-        What it takes and returns.
-    constvars, consts : sequence
-        Constants, and what they are.
-    eqns : sequence of Operation
-        The operations.
-    """
-
-    invars: Sequence[Any]
-    outvars: Sequence[Any]
-    constvars: Sequence[Any]
-    consts: Sequence[Any]
-    eqns: Sequence[Operation]
+    invars: Sequence[Any]  # What it takes and returns
+    outvars: Sequence[Any]  # What it takes and returns
+    constvars: Sequence[Any]  # Constants, and what they are
+    consts: Sequence[Any]  # Constants, and what they are
+    eqns: Sequence[Operation]  # The operations
 
     @classmethod
     def inlined(cls, traced: ClosedJaxpr) -> Function:
-        """Write the functions that a function calls in the places where it calls them.
-
-        Parameters
-        ----------
-        traced : ClosedJaxpr
-            The function.
-
-        Returns
-        -------
-        Function
-            The same.
-        """
+        """Write the functions that a function calls in the places where it calls them."""
         body = traced.jaxpr
         known = {v: v for v in (*body.constvars, *body.invars)}
         constants: dict[Any, Any] = dict(zip(body.constvars, traced.consts, strict=True))
@@ -89,18 +52,7 @@ class Function:
         return cls(body.invars, outvars, list(constants), list(constants.values()), operations)
 
     def given(self, value: Any) -> Function:
-        """Make what it takes last a constant.
-
-        Parameters
-        ----------
-        value : ndarray
-            The constant.
-
-        Returns
-        -------
-        Function
-            Of what is taken before.
-        """
+        """Make what it takes last a constant."""
         *taken, last = self.invars
         return replace(self, invars=taken, constvars=[*self.constvars, last], consts=[*self.consts, value])
 
@@ -144,18 +96,7 @@ def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Re
 
 
 def largest_state(function: Function) -> int:
-    """Count the numbers that change from pass to pass of the loop in which most do.
-
-    Parameters
-    ----------
-    function : Function
-        Of one run.
-
-    Returns
-    -------
-    int
-        How many; 0 where there is no loop.
-    """
+    """Count the numbers that change from pass to pass of the loop in which most do."""
     loops = [operation.params for operation in function.eqns if operation.primitive.name == "scan"]
     return max((sum(math.prod(aval.shape) for aval in _carried(loop)) for loop in loops), default=0)
 
@@ -167,18 +108,7 @@ def _carried(loop: dict[str, Any]) -> list[Any]:
 
 
 def constants_and_carried(loop: dict[str, Any]) -> tuple[int, int]:
-    """Count the arrays that a loop takes: those that stay as they are, and those that change from pass to pass.
-
-    Parameters
-    ----------
-    loop : dict
-        Parameters of a `scan`.
-
-    Returns
-    -------
-    tuple of int
-        How many of each.
-    """
+    """Count the arrays that a loop takes: those that stay as they are, and those that change from pass to pass."""
     if "num_consts" in loop:
         return loop["num_consts"], loop["num_carry"]
     constants, carried, _ = loop["ft_in"].unpack()  # from JAX 0.11 on

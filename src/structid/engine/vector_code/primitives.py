@@ -230,22 +230,7 @@ def _total(code: VectorCode, numbers: Sequence[Number]) -> Number:
 
 
 def sum_over(code: VectorCode, parameters: Parameters, x: Array) -> Array:
-    """Sum over axes.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    parameters : mapping
-        Of the primitive.
-    x : ndarray
-        The array.
-
-    Returns
-    -------
-    ndarray
-        The sums.
-    """
+    """Sum over axes."""
     return _reduced(parameters, x, lambda row: _total(code, row))
 
 
@@ -260,22 +245,7 @@ def _reduced(parameters: Parameters, x: Array, reduce: Callable[[list[Number]], 
 
 
 def product_of_matrices(code: VectorCode, parameters: Parameters, a: Array, b: Array) -> Array:
-    """Sum products over shared axes; products with a constant zero are left out.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    parameters : mapping
-        Of the primitive.
-    a, b : ndarray
-        The arrays.
-
-    Returns
-    -------
-    ndarray
-        Axes of the batch, those of `a`, those of `b`.
-    """
+    """Sum products over shared axes; products with a constant zero are left out."""
     (sum_a, sum_b), (batch_a, batch_b) = parameters["dimension_numbers"]
     left = _grouped(a, batch_a, sum_a)
     right = _grouped(b, batch_b, sum_b)
@@ -303,18 +273,7 @@ def _times(code: VectorCode, a: Number, b: Number) -> Number:
 
 
 def truth_over(words: str) -> Callable[..., Array]:
-    """Join truths along axes.
-
-    Parameters
-    ----------
-    words : {"and", "or"}
-        Whether all must be true, or one.
-
-    Returns
-    -------
-    callable
-        ``function(code, parameters, x)``: one truth for each of the other places of `x`.
-    """
+    """Join truths along axes."""
 
     def joined(code: VectorCode, parameters: Parameters, x: Array) -> Array:
         return _reduced(
@@ -325,18 +284,7 @@ def truth_over(words: str) -> Callable[..., Array]:
 
 
 def extreme_over(words: str) -> Callable[..., Array]:
-    """Find the smallest or largest number along axes.
-
-    Parameters
-    ----------
-    words : {"olt", "ogt"}
-        LLVM's name of what the chosen one of two numbers is to the other.
-
-    Returns
-    -------
-    callable
-        ``function(code, parameters, x)``: one number for each of the other places of `x`.
-    """
+    """Find the smallest or largest number along axes."""
     chosen = _smaller_or_larger(words)
 
     def extreme(code: VectorCode, parameters: Parameters, x: Array) -> Array:

@@ -12,11 +12,6 @@ class SharedNumbers:
     """The table as it grows, and the text that reads it.
 
     First come the numbers that the text knows by their places, then long arrays, whose places and lengths are among the former.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where reading is written.
     """
 
     def __init__(self, code: VectorCode) -> None:
@@ -43,18 +38,7 @@ class SharedNumbers:
         return dict(zip(self._rows, np.cumsum(lengths).tolist(), strict=False))
 
     def loaded(self, values: np.ndarray) -> list[Register]:
-        """Load an array, number by number, once and before anything else.
-
-        Parameters
-        ----------
-        values : ndarray
-            The array; equal ones stand in the table once.
-
-        Returns
-        -------
-        list of Register
-            Its numbers.
-        """
+        """Load an array, number by number, once and before anything else."""
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         first = self._places.setdefault(flat.tobytes(), len(self._numbers))
         if first == len(self._numbers):
@@ -65,53 +49,18 @@ class SharedNumbers:
         return [self._loaded[place] for place in range(first, first + len(flat))]
 
     def length(self, length: int) -> str:
-        """Let the table say how long something is.
-
-        Parameters
-        ----------
-        length : int
-            The length.
-
-        Returns
-        -------
-        str
-            Name of that whole number.
-        """
+        """Let the table say how long something is."""
         # Lengths that are equal by chance have places of their own: the text is the same for any lengths.
         return self._whole_number((length, len(self._whole)))
 
     def place(self, values: np.ndarray) -> str:
-        """Put in a long array.
-
-        Parameters
-        ----------
-        values : ndarray
-            The array.
-
-        Returns
-        -------
-        str
-            Name of its place in the table.
-        """
+        """Put in a long array."""
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         self._rows[flat.tobytes()] = flat
         return self._whole_number(flat.tobytes())
 
     def at(self, place: str, count: int) -> list[Register]:
-        """Load some numbers where they are wanted.
-
-        Parameters
-        ----------
-        place : str
-            Name of the place of the first.
-        count : int
-            How many.
-
-        Returns
-        -------
-        list of Register
-            The numbers.
-        """
+        """Load some numbers where they are wanted."""
         code = self._code
         places = [code.address("%shared", code.whole("add", place, index)) for index in range(count)]
         return [code.load(at, lanes=False) for at in places]

@@ -11,15 +11,7 @@ from structid.engine.vector_code.vector_code import VectorCode
 
 
 class Slots:
-    """An array of numbers that changes from pass to pass of a loop, each lane with its own.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    start : ndarray of Number
-        Before the first pass.
-    """
+    """An array of numbers that changes from pass to pass of a loop, each lane with its own."""
 
     def __init__(self, code: VectorCode, start: Array) -> None:
         self._code, self._shape = code, start.shape
@@ -28,56 +20,25 @@ class Slots:
         self.write(start)
 
     def read(self) -> Array:
-        """Load the numbers.
-
-        Returns
-        -------
-        ndarray of Number
-            As they are now.
-        """
+        """Load the numbers."""
         found = [self._code.load(p, lanes=True, kind=k) for p, k in zip(self._places, self._kinds, strict=True)]
         return array_of(found, self._shape)
 
     def write(self, numbers: Array) -> None:
-        """Store the numbers.
-
-        Parameters
-        ----------
-        numbers : ndarray of Number
-            As they shall be.
-        """
+        """Store the numbers."""
         for number, place, kind in zip(numbers.reshape(-1), self._places, self._kinds, strict=True):
             self._code.store(number, place, lanes=True, kind=kind)
 
 
 def kind_of(number: Number) -> str:
-    """Say what a number is.
-
-    Parameters
-    ----------
-    number : Number
-        The number.
-
-    Returns
-    -------
-    str
-        ``double`` or ``i1``.
-    """
+    """Say what a number is."""
     if isinstance(number, Register):
         return number.kind
     return "i1" if isinstance(number, (bool, np.bool_)) else "double"
 
 
 class Table:
-    """A small array of registers whose rows a loop takes one after the other, kept in memory.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where it is written.
-    numbers : ndarray of Number
-        The array, its first axis that of the loop.
-    """
+    """A small array of registers whose rows a loop takes one after the other, kept in memory."""
 
     def __init__(self, code: VectorCode, numbers: Array) -> None:
         self._code, self._shape = code, numbers.shape[1:]
@@ -88,18 +49,7 @@ class Table:
             code.store(number, code.address(self._place, index, self._lanes), self._lanes)
 
     def row(self, at: str) -> Array:
-        """Load one row.
-
-        Parameters
-        ----------
-        at : str
-            Name of its number.
-
-        Returns
-        -------
-        ndarray of Number
-            The row.
-        """
+        """Load one row."""
         code, count = self._code, int(np.prod(self._shape))
         first = code.whole("mul", at, count)
         places = [code.address(self._place, code.whole("add", first, i), self._lanes) for i in range(count)]

@@ -19,15 +19,7 @@ from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 
 class _Writer:
-    """Loops over places, on numbers in memory.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where they are written.
-    shared : SharedNumbers
-        Where the places stand.
-    """
+    """Loops over places, on numbers in memory."""
 
     def __init__(self, code: VectorCode, shared: SharedNumbers) -> None:
         self.code, self.shared = code, shared
@@ -141,21 +133,11 @@ class _Writer:
 
 @dataclass(frozen=True)
 class _Operand:
-    """An array in memory, or one for each of several directions.
+    """An array in memory, or one for each of several directions."""
 
-    Parameters
-    ----------
-    place : str
-        Name of the address of its first number.
-    size : int
-        Numbers of the array of one direction.
-    several : bool
-        Whether there are several.
-    """
-
-    place: str
-    size: int
-    several: bool
+    place: str  # Name of the address of its first number
+    size: int  # Numbers of the array of one direction
+    several: bool  # Whether there are several
 
     def along(self, code: VectorCode, direction: str) -> str:
         """Name of the address of the first number that belongs to a direction."""
@@ -173,30 +155,7 @@ def written(
     numbers: Any,
     shape: tuple[int, ...],
 ) -> Array:
-    """Write one of the operations as vector code.
-
-    Parameters
-    ----------
-    primitive : Primitive
-        Which.
-    code : VectorCode
-        Where it is written.
-    shared : SharedNumbers
-        Where places stand.
-    parameters : dict
-        Of the primitive.
-    taken : list of Value
-        What it takes.
-    numbers : callable
-        Numbers of an array that is not in memory.
-    shape : tuple of int
-        Of the result, (row, 1), or (direction, row, 1).
-
-    Returns
-    -------
-    ndarray of Number
-        Its result.
-    """
+    """Write one of the operations as vector code."""
     writer, rows, directions = _Writer(code, shared), shape[-2], math.prod(shape[:-2])
     operands = []
     for value, axes in zip(taken, AXES[primitive], strict=True):

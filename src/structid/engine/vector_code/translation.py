@@ -52,20 +52,7 @@ LONGEST_UNROLLED = 16
 
 
 class Translator:
-    """Writes functions of one run as vector code.
-
-    Parameters
-    ----------
-    code : VectorCode
-        Where they are written.
-
-    Attributes
-    ----------
-    shared : SharedNumbers
-        Numbers that all runs share.
-    kept : list of int
-        Rows of each history made so far.
-    """
+    """Writes functions of one run as vector code."""
 
     def __init__(self, code: VectorCode) -> None:
         self.code, self.shared = code, SharedNumbers(code)
@@ -75,27 +62,7 @@ class Translator:
     def function(
         self, function: Function, arguments: Sequence[Value], given: Mapping[Any, Value] | None = None
     ) -> list[Value]:
-        """Write a function.
-
-        Parameters
-        ----------
-        function : Function
-            The function.
-        arguments : sequence of Value
-            What it is given.
-        given : mapping of Var to Value, optional
-            Results that are there already.
-
-        Returns
-        -------
-        list of Value
-            What it returns.
-
-        Raises
-        ------
-        UntranslatableError
-            If something in it has no vector code.
-        """
+        """Write a function."""
         consts = [c if isinstance(c, (Shared, History)) else Shared(np.asarray(c)) for c in function.consts]
         known: dict[Any, Value] = dict(zip([*function.constvars, *function.invars], [*consts, *arguments], strict=True))
         known.update(given or {})
@@ -150,18 +117,7 @@ class Translator:
         raise UntranslatableError(f"the operation '{name}'")
 
     def numbers(self, value: Value) -> Array:
-        """Numbers of an array, to be operated on one by one.
-
-        Parameters
-        ----------
-        value : Value
-            The array.
-
-        Returns
-        -------
-        ndarray of Number
-            Those that all runs share are loaded once.
-        """
+        """Numbers of an array, to be operated on one by one."""
         if isinstance(value, History):
             if size_of(value) > LARGEST_ROW:
                 raise UntranslatableError("arithmetic on a whole history")

@@ -28,50 +28,26 @@ IN_NUMPY: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Shared:
-    """An array that all runs share. Its numbers are not in the text: other numbers need no other code.
+    """An array that all runs share. Its numbers are not in the text: other numbers need no other code."""
 
-    Parameters
-    ----------
-    values : ndarray
-        The numbers.
-    """
-
-    values: np.ndarray
+    values: np.ndarray  # The numbers
 
 
 @dataclass(frozen=True)
 class SharedRow:
-    """A row of an array that all runs share, such as one that a loop inside a loop goes through.
+    """A row of an array that all runs share, such as one that a loop inside a loop goes through."""
 
-    Parameters
-    ----------
-    place : str
-        Name of the place of its first number.
-    shape : tuple of int
-        Its shape.
-    """
-
-    place: str
+    place: str  # Name of the place of its first number
     shape: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class History:
-    """What a loop over time kept, or signals that it goes through: rows of memory, each with a number for every run.
+    """What a loop over time kept, or signals that it goes through: rows of memory, each with a number for every run."""
 
-    Parameters
-    ----------
-    number : int
-        Which one, in the order in which they are made; `SIGNALS` for those that the runs are given.
-    shape : tuple of int
-        (time, …).
-    first : int
-        Number of its first row.
-    """
-
-    number: int
-    shape: tuple[int, ...]
-    first: int = 0
+    number: int  # Which one, in the order in which they are made; `SIGNALS` for those that the runs are given
+    shape: tuple[int, ...]  # (time, …)
+    first: int = 0  # Number of its first row
 
     @property
     def base(self) -> str:
@@ -91,17 +67,9 @@ class History:
 
 @dataclass(frozen=True)
 class InMemory:
-    """An array of each run that is too large for registers, in the memory of the thread that works on its block.
+    """An array of each run that is too large for registers, in the memory of the thread that works on its block."""
 
-    Parameters
-    ----------
-    place : str
-        Name of the address of its first number; the lanes of a number lie side by side.
-    shape : tuple of int
-        Its shape.
-    """
-
-    place: str
+    place: str  # Name of the address of its first number; the lanes of a number lie side by side
     shape: tuple[int, ...]
 
 
@@ -113,66 +81,22 @@ Value = np.ndarray | Shared | SharedRow | History | InMemory
 
 
 def is_known(value: Value) -> bool:
-    """Say whether the numbers of an array are known before the code runs.
-
-    Parameters
-    ----------
-    value : Value
-        The array.
-
-    Returns
-    -------
-    bool
-        False for registers, rows and histories.
-    """
+    """Say whether the numbers of an array are known before the code runs."""
     return isinstance(value, Shared) or (isinstance(value, np.ndarray) and value.dtype != object)
 
 
 def size_of(value: Value) -> int:
-    """Count the numbers of an array.
-
-    Parameters
-    ----------
-    value : Value
-        The array.
-
-    Returns
-    -------
-    int
-        How many it has.
-    """
+    """Count the numbers of an array."""
     return value.values.size if isinstance(value, Shared) else int(np.prod(value.shape))
 
 
 def known_values(value: Any) -> np.ndarray:
-    """Give the numbers of an array that are known.
-
-    Parameters
-    ----------
-    value : ndarray or Shared
-        The array.
-
-    Returns
-    -------
-    ndarray
-        Its numbers.
-    """
+    """Give the numbers of an array that are known."""
     return value.values if isinstance(value, Shared) else value
 
 
 def flattened(value: Value) -> Value:
-    """See an array as a row of numbers.
-
-    Parameters
-    ----------
-    value : Value
-        The array.
-
-    Returns
-    -------
-    Value
-        The same numbers.
-    """
+    """See an array as a row of numbers."""
     if isinstance(value, Shared):
         return Shared(value.values.reshape(-1))
     if isinstance(value, np.ndarray):
@@ -181,20 +105,7 @@ def flattened(value: Value) -> Value:
 
 
 def array_of(numbers: Sequence[Number], shape: tuple[int, ...]) -> Array:
-    """Put numbers into an array.
-
-    Parameters
-    ----------
-    numbers : sequence of Number
-        One after the other.
-    shape : tuple of int
-        Of the array.
-
-    Returns
-    -------
-    ndarray of Number
-        The array.
-    """
+    """Put numbers into an array."""
     found = np.empty(len(numbers), dtype=object)
     found[:] = numbers
     return found.reshape(shape)
@@ -205,24 +116,7 @@ MOVES = {"slice", "squeeze", "reshape", "expand_dims", "transpose", "broadcast_i
 
 
 def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[int, ...]) -> History | None:
-    """Say where an operation finds the numbers of a history: some samples, such as those after the lead-in, or another shape.
-
-    Parameters
-    ----------
-    name : str
-        One of `MOVES`.
-    parameters : dict
-        What else the operation needs to know.
-    history : History
-        What it takes.
-    shape : tuple of int
-        Shape of its result.
-
-    Returns
-    -------
-    History or None
-        None where it changes the order of numbers, or repeats them.
-    """
+    """Say where an operation finds the numbers of a history: some samples, such as those after the lead-in, or another shape."""
     if name != "slice":
         order = parameters["permutation"] if name == "transpose" else ()
         longer = [axis for axis in order if history.shape[axis] > 1]
@@ -238,24 +132,7 @@ def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[
 
 
 def gathered(primitive: Any, parameters: dict[str, Any], numbers: Array, indices: np.ndarray) -> Array:
-    """Choose numbers by known indices: JAX says which, by choosing among their places.
-
-    Parameters
-    ----------
-    primitive : Any
-        JAX's gather.
-    parameters : dict
-        What else it needs to know.
-    numbers : ndarray of Number
-        To choose from.
-    indices : ndarray of int
-        Which.
-
-    Returns
-    -------
-    ndarray of Number
-        The chosen ones.
-    """
+    """Choose numbers by known indices: JAX says which, by choosing among their places."""
     places = np.asarray(primitive.bind(np.arange(numbers.size).reshape(numbers.shape), indices, **parameters))
     if places.min(initial=0) < 0 or places.max(initial=0) >= numbers.size:
         raise UntranslatableError("indices beyond an array")
@@ -263,22 +140,7 @@ def gathered(primitive: Any, parameters: dict[str, Any], numbers: Array, indices
 
 
 def computed_now(primitive: Any, parameters: dict[str, Any], taken: Sequence[Any]) -> list[Value]:
-    """Do an operation on numbers that are known.
-
-    Parameters
-    ----------
-    primitive : Any
-        The operation.
-    parameters : dict
-        What else it needs to know.
-    taken : sequence of ndarray or Shared
-        What it takes.
-
-    Returns
-    -------
-    list of Value
-        Its results: constants if all that it takes are.
-    """
+    """Do an operation on numbers that are known."""
     arrays = _values(primitive, parameters, [known_values(x) for x in taken])
     return [Shared(x) for x in arrays] if any(isinstance(x, Shared) for x in taken) else list(arrays)
 

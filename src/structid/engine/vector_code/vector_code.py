@@ -19,18 +19,7 @@ Nothing here lets it assume that numbers are finite: a run that diverges must be
 
 
 class VectorCode:
-    """Text of one function as it grows.
-
-    Parameters
-    ----------
-    width : int
-        Number of lanes in a vector.
-
-    Attributes
-    ----------
-    entry, lines : list of str
-        What is done once at the beginning, and what comes then.
-    """
+    """Text of one function as it grows."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -42,55 +31,16 @@ class VectorCode:
     # --- names and constants ------------------------------------------------------------------------------------
 
     def name(self, what: str = "r") -> str:
-        """Make up a name.
-
-        Parameters
-        ----------
-        what : str
-            What it begins with.
-
-        Returns
-        -------
-        str
-            A name not used before.
-        """
+        """Make up a name."""
         self._count += 1
         return f"%{what}{self._count}"
 
     def type_of(self, kind: str, lanes: bool) -> str:
-        """Type of a number.
-
-        Parameters
-        ----------
-        kind : str
-            ``double``, ``i1`` or ``i64``.
-        lanes : bool
-            Whether each lane has its own.
-
-        Returns
-        -------
-        str
-            In LLVM's words.
-        """
+        """Type of a number."""
         return f"<{self.width} x {kind}>" if lanes else kind
 
     def operand(self, number: Number, kind: str, lanes: bool) -> str:
-        """Name of a number where an operation of this type takes it.
-
-        Parameters
-        ----------
-        number : float, bool, int or Register
-            The number; one that is the same for all lanes is copied to each if need be.
-        kind : str
-            ``double``, ``i1`` or ``i64``.
-        lanes : bool
-            Whether the operation is one on vectors.
-
-        Returns
-        -------
-        str
-            Its name, or the constant.
-        """
+        """Name of a number where an operation of this type takes it."""
         if not isinstance(number, Register):
             written = constant(number, kind)
             return f"splat ({kind} {written})" if lanes else written
@@ -115,24 +65,7 @@ class VectorCode:
     def operation(
         self, words: str, numbers: Sequence[Number], kind: str = "double", result: str | None = None
     ) -> Register:
-        """Do an operation on numbers of one kind.
-
-        Parameters
-        ----------
-        words : str
-            LLVM's name of it, with its flags.
-        numbers : sequence of Number
-            What it takes.
-        kind : str
-            Their kind.
-        result : str, optional
-            The kind of the result, if another.
-
-        Returns
-        -------
-        Register
-            The result.
-        """
+        """Do an operation on numbers of one kind."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
         taken = ", ".join(self.operand(n, kind, lanes) for n in numbers)
         found = self.name()
@@ -140,22 +73,7 @@ class VectorCode:
         return Register(found, result or kind, lanes)
 
     def call(self, function: str, numbers: Sequence[Number], kind: str = "double") -> Register:
-        """Call an intrinsic function of LLVM, which has a version for every type.
-
-        Parameters
-        ----------
-        function : str
-            Its name, such as ``fabs``.
-        numbers : sequence of Number
-            What it takes.
-        kind : str
-            Their kind, and that of the result.
-
-        Returns
-        -------
-        Register
-            The result.
-        """
+        """Call an intrinsic function of LLVM, which has a version for every type."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
         of = self.type_of(kind, lanes)
         taken = ", ".join(f"{of} {self.operand(n, kind, lanes)}" for n in numbers)
@@ -166,22 +84,7 @@ class VectorCode:
         return Register(found, kind, lanes)
 
     def select(self, condition: Number, yes: Number, no: Number, kind: str = "double") -> Number:
-        """Choose one of two numbers.
-
-        Parameters
-        ----------
-        condition : bool or Register
-            Which.
-        yes, no : Number
-            The numbers where it holds, and where not.
-        kind : str
-            Their kind.
-
-        Returns
-        -------
-        Number
-            The chosen one.
-        """
+        """Choose one of two numbers."""
         if not isinstance(condition, Register):
             return yes if condition else no
         lanes = any(isinstance(n, Register) and n.lanes for n in (condition, yes, no))
@@ -194,22 +97,7 @@ class VectorCode:
         return Register(found, kind, lanes)
 
     def cast(self, words: str, number: Register, kind: str) -> Register:
-        """Turn a number into one of another kind.
-
-        Parameters
-        ----------
-        words : str
-            LLVM's name of the cast.
-        number : Register
-            The number.
-        kind : str
-            The kind of the result.
-
-        Returns
-        -------
-        Register
-            The result.
-        """
+        """Turn a number into one of another kind."""
         found = self.name()
         before, after = self.type_of(number.kind, number.lanes), self.type_of(kind, number.lanes)
         self.lines.append(f"  {found} = {words} {before} {number.name} to {after}")
@@ -218,41 +106,13 @@ class VectorCode:
     # --- memory -------------------------------------------------------------------------------------------------
 
     def whole(self, words: str, a: str | int, b: str | int) -> str:
-        """Do arithmetic of whole numbers that all lanes share, such as indices.
-
-        Parameters
-        ----------
-        words : str
-            LLVM's name of the operation.
-        a, b : str or int
-            Names of the numbers, or constants.
-
-        Returns
-        -------
-        str
-            Name of the result.
-        """
+        """Do arithmetic of whole numbers that all lanes share, such as indices."""
         found = self.name("n")
         self.lines.append(f"  {found} = {words} i64 {a}, {b}")
         return found
 
     def address(self, base: str, index: str | int, lanes: bool = False) -> str:
-        """Address of an element of an array.
-
-        Parameters
-        ----------
-        base : str
-            Name of a pointer.
-        index : str or int
-            Name of a whole number, or one.
-        lanes : bool
-            Whether an element is a vector.
-
-        Returns
-        -------
-        str
-            Name of the address.
-        """
+        """Address of an element of an array."""
         place = self.name("at")
         self.lines.append(
             f"  {place} = getelementptr inbounds {self.type_of('double', lanes)}, ptr {base}, i64 {index}"
@@ -260,22 +120,7 @@ class VectorCode:
         return place
 
     def load(self, place: str, lanes: bool, kind: str = "double") -> Register:
-        """Read a number.
-
-        Parameters
-        ----------
-        place : str
-            Its address.
-        lanes : bool
-            Whether there is one for each lane, one after the other.
-        kind : str
-            What it is.
-
-        Returns
-        -------
-        Register
-            The number.
-        """
+        """Read a number."""
         found = self.name()
         self.lines.append(
             f"  {found} = load {self.type_of(kind, lanes)}, ptr {place}, align {8 if kind == 'double' else 1}"
@@ -283,22 +128,7 @@ class VectorCode:
         return Register(found, kind, lanes)
 
     def load_once(self, base: str, index: int, kind: str = "double") -> Register:
-        """Read a number that all lanes share, before anything else is done.
-
-        Parameters
-        ----------
-        base : str
-            Name of a pointer.
-        index : int
-            Which element.
-        kind : {"double", "i64"}
-            What its bits are.
-
-        Returns
-        -------
-        Register
-            The number.
-        """
+        """Read a number that all lanes share, before anything else is done."""
         place, found = self.name("at"), self.name()
         self.entry += [
             f"  {place} = getelementptr inbounds double, ptr {base}, i64 {index}",
@@ -307,39 +137,12 @@ class VectorCode:
         return Register(found, kind, False)
 
     def store(self, number: Number, place: str, lanes: bool, kind: str = "double") -> None:
-        """Write a number.
-
-        Parameters
-        ----------
-        number : Number
-            The number.
-        place : str
-            Where to.
-        lanes : bool
-            Whether to write one for each lane.
-        kind : str
-            What it is.
-        """
+        """Write a number."""
         written, of = self.operand(number, kind, lanes), self.type_of(kind, lanes)
         self.lines.append(f"  store {of} {written}, ptr {place}, align {8 if kind == 'double' else 1}")
 
     def slot(self, lanes: bool, count: int = 1, kind: str = "double") -> str:
-        """Set aside a place for numbers that change from pass to pass of a loop.
-
-        Parameters
-        ----------
-        lanes : bool
-            Whether each lane has its own.
-        count : int
-            How many numbers.
-        kind : str
-            What they are.
-
-        Returns
-        -------
-        str
-            Its address.
-        """
+        """Set aside a place for numbers that change from pass to pass of a loop."""
         place = self.name("slot")
         self.entry.append(f"  {place} = alloca [{count} x {self.type_of(kind, lanes)}], align 64")
         return place
@@ -348,18 +151,7 @@ class VectorCode:
 
     @contextmanager
     def loop(self, length: int | str) -> Iterator[str]:
-        """Do what follows for 0, 1, … up to, but not including, `length`.
-
-        Parameters
-        ----------
-        length : int or str
-            How many times, or the name of that number.
-
-        Yields
-        ------
-        str
-            Name of the running number.
-        """
+        """Do what follows for 0, 1, … up to, but not including, `length`."""
         counter = self.name("slot")
         self.entry.append(f"  {counter} = alloca i64, align 8")
         self.lines.append(f"  store i64 0, ptr {counter}")
@@ -370,33 +162,13 @@ class VectorCode:
 
     @contextmanager
     def shared_loop(self, counter: str, end: str) -> Iterator[str]:
-        """Do what follows for numbers that several threads take from one counter, each number by one of them.
-
-        Parameters
-        ----------
-        counter : str
-            Name of a pointer to the first number that nobody has taken.
-        end : str
-            Name of the number to stop before.
-
-        Yields
-        ------
-        str
-            Name of the running number.
-        """
+        """Do what follows for numbers that several threads take from one counter, each number by one of them."""
         with self._numbered(f"atomicrmw add ptr {counter}, i64 1 seq_cst", end) as at:
             yield at
 
     @contextmanager
     def loop_while(self) -> Iterator[Callable[[Number], None]]:
-        """Do what follows as long as something holds in any lane.
-
-        Yields
-        ------
-        callable
-            Called once with what must hold, a truth of each lane; what is written before is done to find it, what comes after
-            is done only where it holds in one lane at least.
-        """
+        """Do what follows as long as something holds in any lane."""
         with self._passes() as body:
             yield lambda holds: body(self._in_any_lane(holds))
 

@@ -28,29 +28,12 @@ class Compensator(ABC):
 
     @abstractmethod
     def commands(self, targets: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-        """Turn where the specimen should be into what is sent to the actuators.
-
-        Parameters
-        ----------
-        targets : ndarray, shape (sample, channel)
-            u, one value a controller step [m].
-
-        Returns
-        -------
-        ndarray, shape (sample, channel)
-            c [m].
-        """
+        """Turn where the specimen should be into what is sent to the actuators."""
 
     def observe(  # noqa: B027 - most do not look back
         self, commands: Float[np.ndarray, "sample channel"], measured: Float[np.ndarray, "sample channel"]
     ) -> None:
-        """Learn from what became of commands.
-
-        Parameters
-        ----------
-        commands, measured : ndarray, shape (sample, channel)
-            c that was sent, and u_m at the end of the same controller steps [m].
-        """
+        """Learn from what became of commands."""
 
 
 class Compensation(ABC):

@@ -33,32 +33,13 @@ REFINEMENTS = 40
 
 @dataclass(frozen=True)
 class CriticalDelay:
-    """The shortest delay at which a free oscillation no longer decays.
+    """The shortest delay at which a free oscillation no longer decays."""
 
-    Parameters
-    ----------
-    delay : float
-        τ_c in simulated time [s]; infinite where every delay is borne.
-    frequency : float
-        Ω of that oscillation [rad/s]; NaN where there is none.
-    """
-
-    delay: float
-    frequency: float
+    delay: float  # τ_c in simulated time [s]; infinite where every delay is borne
+    frequency: float  # Ω of that oscillation [rad/s]; NaN where there is none
 
     def on_the_wall(self, time_scale: float) -> float:
-        """Delay in wall time.
-
-        Parameters
-        ----------
-        time_scale : float
-            λ, wall time over simulated time.
-
-        Returns
-        -------
-        float
-            λ τ_c [s].
-        """
+        """Delay in wall time."""
         return time_scale * self.delay
 
 
@@ -69,25 +50,6 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
     With p the specimen's share of the stiffness and x = Ω/ω::
 
         (x² − 1 + p)² + 4ζ²x² = p²,    tan(Ω τ_c) = 2ζx / (x² − 1 + p),    τ_c ≈ 2ζ/(p ω)
-
-    Parameters
-    ----------
-    frequency : float
-        ω [rad/s].
-    damping_ratio : float
-        ζ.
-    share : float
-        p, above 0 and up to 1.
-
-    Returns
-    -------
-    CriticalDelay
-        Infinite where the damping is more than any delay can undo.
-
-    Examples
-    --------
-    >>> print(f"{critical_delay(np.sqrt(7.6e6 / 12e3), 0.03).delay:.6e} s")
-    2.385588e-03 s
     """
     if not frequency > 0.0 or damping_ratio < 0.0 or not 0.0 < share <= 1.0:
         came = f"ω = {frequency:g} rad/s, ζ = {damping_ratio:g}, p = {share:g}"
@@ -105,20 +67,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
 
 @check_arguments
 def critical_lag(frequency: float, damping_ratio: float) -> float:
-    """Critical time constant of a first-order lag, for a specimen that has all of the stiffness: (2ζ/ω)/(1 − 4ζ²).
-
-    Parameters
-    ----------
-    frequency : float
-        ω [rad/s].
-    damping_ratio : float
-        ζ.
-
-    Returns
-    -------
-    float
-        T_a,c in simulated time [s]; infinite from ζ = ½ on.
-    """
+    """Critical time constant of a first-order lag, for a specimen that has all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
     left = 1.0 - 4.0 * damping_ratio**2
     return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
 
@@ -133,18 +82,6 @@ def critical_delay_of(
     """Critical delay of a whole structure: the smallest τ > 0 with det(−Ω²M + iΩC + K_N + K_P e^(−iΩτ)) = 0 for some Ω.
 
     At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ, which is a delay where |μ| = 1.
-
-    Parameters
-    ----------
-    mass, damping : ndarray, shape (dof, dof)
-        M [kg] and C [N s/m] of the whole structure.
-    numerical, physical : ndarray, shape (dof, dof)
-        Stiffnesses K_N and K_P [N/m] of the parts, in the degrees of freedom of the whole.
-
-    Returns
-    -------
-    CriticalDelay
-        Infinite where every delay is borne.
     """
     squares = scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True)
     grid = np.linspace(0.0, HIGHEST * np.sqrt(squares.max()), GRID + 1)[1:]
@@ -182,20 +119,6 @@ def growing_oscillations(
     Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27), which holds with delays where inertia has none:
     while Ω goes from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N
     roots that grow, two for each oscillation.
-
-    Parameters
-    ----------
-    mass, damping : ndarray, shape (dof, dof)
-        M [kg] and C [N s/m] of the whole structure.
-    numerical, physical : ndarray, shape (dof, dof)
-        K_N and K_P [N/m].
-    factor : callable
-        G of a frequency Ω [rad/s] in simulated time, e^(−iΩτ) for a delay.
-
-    Returns
-    -------
-    int
-        0 where all decay.
     """
     highest = np.sqrt(scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True).max())
     most = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()

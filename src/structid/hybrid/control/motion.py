@@ -17,23 +17,12 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Motion:
-    """How a specimen is brought to the end of a step.
+    """How a specimen is brought to the end of a step."""
 
-    Parameters
-    ----------
-    samples : int
-        Controller steps that it takes.
-    ramp : int
-        How many of them move; the rest holds.
-    averaged : int
-        How many of the last are averaged in a reading.
-    settles : bool
-        Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move.
-    """
-
-    samples: int
-    ramp: int
-    averaged: int
+    samples: int  # Controller steps that it takes
+    ramp: int  # How many of them move; the rest holds
+    averaged: int  # How many of the last are averaged in a reading
+    # Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move
     settles: bool = False
 
     @property
@@ -44,18 +33,7 @@ class Motion:
     def path(
         self, start: Float[np.ndarray, " channel"], end: Float[np.ndarray, " channel"]
     ) -> Float[np.ndarray, "sample channel"]:
-        """Give the targets of its controller steps.
-
-        Parameters
-        ----------
-        start, end : ndarray, shape (channel,)
-            Where the last motion ended, and where this one is to end [m].
-
-        Returns
-        -------
-        ndarray, shape (sample, channel)
-            On a straight line: at a constant speed if it is continuous, else 3 s² − 2 s³ and then a hold.
-        """
+        """Give the targets of its controller steps."""
         share = np.minimum(np.arange(1, self.samples + 1) / self.ramp, 1.0)
         if not self.continuous:
             share = share**2 * (3.0 - 2.0 * share)
@@ -68,25 +46,7 @@ class Motion:
 
 
 def controller_steps(wall_time: float, controller_step: float, what: str) -> int:
-    """Count the controller steps of a wall time.
-
-    Parameters
-    ----------
-    wall_time, controller_step : float
-        [s].
-    what : str
-        What takes that time, for the message.
-
-    Returns
-    -------
-    int
-        One or more.
-
-    Raises
-    ------
-    InputError
-        If they are no whole number.
-    """
+    """Count the controller steps of a wall time."""
     count = wall_time / controller_step
     if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
         raise InputError(
@@ -97,20 +57,7 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
 
 
 def continuous_motion(wall_time: float, controller_step: float) -> Motion:
-    """Motion that arrives when its time is over, for a fine specimen.
-
-    Parameters
-    ----------
-    wall_time : float
-        λ Δt/ss [s].
-    controller_step : float
-        T_c [s].
-
-    Returns
-    -------
-    Motion
-        Read at its end.
-    """
+    """Motion that arrives when its time is over, for a fine specimen."""
     count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
     return Motion(count, count, 1)
 
@@ -120,22 +67,7 @@ ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:
-    """Motion that arrives early and waits, for a coarse specimen.
-
-    Parameters
-    ----------
-    wall_time : float
-        λ Δt [s].
-    controller_step : float
-        T_c [s].
-    share : float
-        Of the time that moves.
-
-    Returns
-    -------
-    Motion
-        Read over the second half of its hold.
-    """
+    """Motion that arrives early and waits, for a coarse specimen."""
     count = controller_steps(wall_time, controller_step, "a step of the specimen")
     if count < LEAST_OF_A_RAMP:
         came = f"{wall_time:g} s of wall time, {count} controller steps"

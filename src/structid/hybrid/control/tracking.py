@@ -25,18 +25,7 @@ STIFFER = 1.05
 
 
 def root_mean_square_error(wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]) -> float:
-    """RMS (u_m − u_c) over RMS u_c.
-
-    Parameters
-    ----------
-    wanted, measured : ndarray, shape (time,)
-        u_c, where the specimen should have been, and u_m [m].
-
-    Returns
-    -------
-    float
-        0 for a perfect motion; NaN where nothing was to move.
-    """
+    """RMS (u_m − u_c) over RMS u_c."""
     scale = np.sqrt(np.mean(wanted**2))
     return float(np.sqrt(np.mean((measured - wanted) ** 2)) / scale) if scale > 0.0 else np.nan
 
@@ -44,18 +33,7 @@ def root_mean_square_error(wanted: Float[np.ndarray, " time"], measured: Float[n
 def tracking_indicator(
     wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
-    """½ (∮ u_c du_m − ∮ u_m du_c): the area enclosed in the synchronisation subspace, which grows while the specimen lags.
-
-    Parameters
-    ----------
-    wanted, measured : ndarray, shape (time,)
-        u_c and u_m [m].
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Up to each time [m²]; falling where it leads.
-    """
+    """½ (∮ u_c du_m − ∮ u_m du_c): the area enclosed in the synchronisation subspace, which grows while the specimen lags."""
     # ∫ x dy by trapezoids leaves ½ Σ (x₀ y₁ − x₁ y₀) for the difference.
     steps = wanted[:-1] * measured[1:] - wanted[1:] * measured[:-1]
     return np.concatenate([[0.0], 0.5 * np.cumsum(steps)])
@@ -64,65 +42,24 @@ def tracking_indicator(
 def energy_error(
     force: Float[np.ndarray, " time"], wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
-    """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure.
-
-    Parameters
-    ----------
-    force : ndarray, shape (time,)
-        r [N].
-    wanted, measured : ndarray, shape (time,)
-        u_c and u_m [m].
-
-    Returns
-    -------
-    ndarray, shape (time,)
-        Up to each time [J].
-    """
+    """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure."""
     found = scipy.integrate.cumulative_trapezoid(force, measured - wanted, initial=0.0)
     return np.asarray(found)
 
 
 @dataclass(frozen=True)
 class FrequencyEvaluationIndex:
-    """Amplitude and delay of a motion, weighted by the power of what was wanted.
+    """Amplitude and delay of a motion, weighted by the power of what was wanted."""
 
-    Parameters
-    ----------
-    amplitude : float
-        |F|; 1 for a perfect motion.
-    delay : float
-        −arg F/(2π f_eq) [s], in the time of the histories.
-    frequency : float
-        f_eq, mean frequency weighted by the same power [Hz].
-    """
-
-    amplitude: float
-    delay: float
-    frequency: float
+    amplitude: float  # |F|; 1 for a perfect motion
+    delay: float  # −arg F/(2π f_eq) [s], in the time of the histories
+    frequency: float  # f_eq, mean frequency weighted by the same power [Hz]
 
 
 def frequency_evaluation_index(
     wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"], dt: float
 ) -> FrequencyEvaluationIndex:
-    """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history.
-
-    Parameters
-    ----------
-    wanted, measured : ndarray, shape (time,)
-        u_c and u_m [m].
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    FrequencyEvaluationIndex
-        Amplitude and delay.
-
-    Raises
-    ------
-    InputError
-        If nothing was to move.
-    """
+    """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history."""
     # A history that does not end where it began would leak into every frequency.
     taper = np.hanning(len(wanted))
     u_c, u_m = (np.fft.rfft(taper * scipy.signal.detrend(u))[1:] for u in (wanted, measured))
@@ -147,20 +84,6 @@ def largest_secant(
     Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
     one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out. What the noise of the
     forces can make of one is taken off.
-
-    Parameters
-    ----------
-    measured, target : ndarray, shape (move, channel)
-        Where the specimen was, and where it should be [m]; their difference shows the noise.
-    force : ndarray, shape (move, channel)
-        That it exerts [N].
-    stiffness : ndarray, shape (channel, channel)
-        K₀ in its channels [N/m].
-
-    Returns
-    -------
-    float
-        NaN where nothing moved.
     """
     peak = float(np.abs(measured).max(initial=0.0))
     noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0

@@ -103,17 +103,7 @@ class Actuator:
 
 
 class TransferSystem:
-    """Actuators that follow paths, one value a controller step.
-
-    Parameters
-    ----------
-    actuators : sequence of Actuator
-        One a channel.
-    controller_step : float
-        T_c [s].
-    seed : int
-        Of the noise.
-    """
+    """Actuators that follow paths, one value a controller step."""
 
     def __init__(
         self, actuators: tuple[Actuator, ...], controller_step: float = CONTROLLER_STEP, seed: int = 0
@@ -125,35 +115,13 @@ class TransferSystem:
         self._pistons = [_Piston(actuator, controller_step) for actuator in actuators]
 
     def followed(self, path: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-        """Move along a path.
-
-        Parameters
-        ----------
-        path : ndarray, shape (sample, channel)
-            Commands, the targets of controller steps [m].
-
-        Returns
-        -------
-        ndarray, shape (sample, channel)
-            Where the pistons are at the ends of these steps [m].
-        """
+        """Move along a path."""
         return np.stack([p.followed(path[:, k]) for k, p in enumerate(self._pistons)], axis=1)
 
     def seen(
         self, displacement: Float[np.ndarray, "sample channel"], force: Float[np.ndarray, "sample channel"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What the sensors make of it.
-
-        Parameters
-        ----------
-        displacement, force : ndarray, shape (sample, channel)
-            The truth [m], [N].
-
-        Returns
-        -------
-        tuple of ndarray
-            In the same shapes.
-        """
+        """What the sensors make of it."""
         return (
             np.stack(
                 [

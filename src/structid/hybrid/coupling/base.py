@@ -21,51 +21,27 @@ WORST_CONDITION = 1e14
 
 
 class CoupledState(NamedTuple):
-    """Both parts at the end of a coarse step.
+    """Both parts at the end of a coarse step."""
 
-    Parameters
-    ----------
-    numerical, physical : PartState
-        The parts.
-    traction : array, shape (interface,) or (interface, run)
-        Λ, the forces that the physical part exerts on the numerical one [N].
-    """
-
-    numerical: PartState
-    physical: PartState
-    traction: Float[Array, "interface *run"]
+    numerical: PartState  # The parts
+    physical: PartState  # The parts
+    traction: Float[Array, "interface *run"]  # Λ, the forces that the physical part exerts on the numerical one [N]
 
 
 class FineSteps(NamedTuple):
-    """What happened within a coarse step.
+    """What happened within a coarse step."""
 
-    Parameters
-    ----------
-    part : PartState
-        The fine part after each of its steps; its first axis is the fine step.
-    traction : array, shape (fine step, interface)
-        Λ that it felt [N].
-    """
-
-    part: PartState
-    traction: Float[Array, "fine_step interface"]
+    part: PartState  # The fine part after each of its steps; its first axis is the fine step
+    traction: Float[Array, "fine_step interface"]  # Λ that it felt [N]
 
 
 class CoarseStep(NamedTuple):
-    """A coarse step that was taken.
+    """A coarse step that was taken."""
 
-    Parameters
-    ----------
-    state : CoupledState
-        At its end.
-    fine : FineSteps
-        Within it; nothing where that is not kept.
-    pseudo_energy : array
-        Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up to zero.
-    """
-
-    state: CoupledState
-    fine: Any
+    state: CoupledState  # At its end
+    fine: Any  # Within it; nothing where that is not kept
+    # Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up
+    # to zero
     pseudo_energy: Any
 
 
@@ -115,74 +91,25 @@ class Coupling(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Joined(ABC):
-    """Two parts, coupled; a coarse step of both.
+    """Two parts, coupled; a coarse step of both."""
 
-    Parameters
-    ----------
-    coarse, fine : OperatorSplitting
-        The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss.
-    fine_is_physical : bool
-        Which of them is which.
-    substeps : int
-        ss.
-    keeps_fine : bool
-        Whether a step tells what happened within it.
-    """
-
-    coarse: OperatorSplitting
-    fine: OperatorSplitting
-    fine_is_physical: bool
-    substeps: int
-    keeps_fine: bool = True
+    coarse: OperatorSplitting  # The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss
+    fine: OperatorSplitting  # The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss
+    fine_is_physical: bool  # Which of them is which
+    substeps: int  # ss
+    keeps_fine: bool = True  # Whether a step tells what happened within it
 
     @abstractmethod
     def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
-        """Take a coarse step.
-
-        Parameters
-        ----------
-        state : CoupledState
-            Before it.
-        bases : array, shape (ss + 1,)
-            Acceleration of the base at its start, and at the end of every fine step [m/s²].
-
-        Returns
-        -------
-        CoarseStep
-            What happened.
-        """
+        """Take a coarse step."""
 
     def of_parts(self, numerical: Substructure, physical: Substructure) -> Self:
-        """Couple other parts in the same way, such as parts that have softened.
-
-        Parameters
-        ----------
-        numerical, physical : Substructure
-            Of the same interface.
-
-        Returns
-        -------
-        Joined
-            With the same steps.
-        """
+        """Couple other parts in the same way, such as parts that have softened."""
         coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
 
     def seen(self, part: PartState, traction: Float[Array, "interface *run"]) -> Any:
-        """What is told of a fine step.
-
-        Parameters
-        ----------
-        part : PartState
-            After it.
-        traction : array, shape (interface,)
-            Λ that it felt [N].
-
-        Returns
-        -------
-        FineSteps or tuple
-            Nothing where it is not kept.
-        """
+        """What is told of a fine step."""
         return FineSteps(part, traction) if self.keeps_fine else ()
 
     @property
@@ -206,36 +133,12 @@ class Joined(ABC):
         return self.coarse.step
 
     def parts_of(self, state: CoupledState) -> tuple[PartState, PartState]:
-        """Give the states of the coarse and the fine part.
-
-        Parameters
-        ----------
-        state : CoupledState
-            Of both.
-
-        Returns
-        -------
-        tuple of PartState
-            A and B.
-        """
+        """Give the states of the coarse and the fine part."""
         pair = state.numerical, state.physical
         return pair if self.fine_is_physical else pair[::-1]
 
     def state_of(self, coarse: PartState, fine: PartState, traction: Any) -> CoupledState:
-        """Put the states of both parts together.
-
-        Parameters
-        ----------
-        coarse, fine : PartState
-            A and B.
-        traction : array
-            Λ [N].
-
-        Returns
-        -------
-        CoupledState
-            Of both.
-        """
+        """Put the states of both parts together."""
         pair = (coarse, fine) if self.fine_is_physical else (fine, coarse)
         return CoupledState(*pair, traction)
 
@@ -243,18 +146,6 @@ class Joined(ABC):
         """Both parts at rest, with the accelerations and interface forces that the first acceleration of the base asks for.
 
         Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the parts on their own.
-
-        Parameters
-        ----------
-        base : float
-            a_g at the first sample [m/s²].
-        like : array, shape (run,), optional
-            Of as many runs; one without an axis when left out.
-
-        Returns
-        -------
-        CoupledState
-            Before the first step.
         """
         sides = (self.coarse, self.fine)
         shapes = [np.zeros(s.part.dofs) if like is None else 0.0 * like + np.zeros((s.part.dofs, 1)) for s in sides]
@@ -269,35 +160,13 @@ class Joined(ABC):
         return self.state_of(coarse, fine, traction)
 
     def gap(self, state: CoupledState) -> Any:
-        """Largest difference of the interface displacements of both parts, which are not tied; velocities are.
-
-        Parameters
-        ----------
-        state : CoupledState
-            At the end of a coarse step.
-
-        Returns
-        -------
-        array
-            [m].
-        """
+        """Largest difference of the interface displacements of both parts, which are not tied; velocities are."""
         xp = namespace(state.traction)
         coarse, fine = self.parts_of(state)
         return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
 
     def missed_velocity(self, coarse: PartState, fine: PartState) -> Float[Array, "interface *run"]:
-        """Σ L v.
-
-        Parameters
-        ----------
-        coarse, fine : PartState
-            A and B.
-
-        Returns
-        -------
-        array, shape (interface,) or (interface, run)
-            [m/s].
-        """
+        """Σ L v."""
         return self.coarse.rows @ coarse.velocity + self.fine.rows @ fine.velocity
 
     @cached_property
@@ -309,29 +178,7 @@ class Joined(ABC):
 def splittings(
     numerical: Substructure, physical: Substructure, dt: float, coupling: Coupling, alpha: float = 0.0
 ) -> tuple[OperatorSplitting, OperatorSplitting]:
-    """Make the splittings of the coarse and the fine part, with the signs of L.
-
-    Parameters
-    ----------
-    numerical, physical : Substructure
-        The parts.
-    dt : float
-        Coarse step [s].
-    coupling : Coupling
-        Which part is fine, and how fine.
-    alpha : float
-        α of both.
-
-    Returns
-    -------
-    tuple of OperatorSplitting
-        A and B.
-
-    Raises
-    ------
-    InputError
-        If the parts do not share an interface, or the step is no step.
-    """
+    """Make the splittings of the coarse and the fine part, with the signs of L."""
     rows = len(numerical.interface), len(physical.interface)
     if rows[0] != rows[1] or rows[0] == 0:
         raise InputError(
@@ -351,23 +198,7 @@ def splittings(
 
 
 def inverse_of(operator: Float[np.ndarray, "interface interface"]) -> Float[np.ndarray, "interface interface"]:
-    """Invert an interface operator.
-
-    Parameters
-    ----------
-    operator : ndarray, shape (interface, interface)
-        H [s/kg or 1/kg].
-
-    Returns
-    -------
-    ndarray, shape (interface, interface)
-        H⁻¹.
-
-    Raises
-    ------
-    InputError
-        If it is singular.
-    """
+    """Invert an interface operator."""
     if np.linalg.cond(operator) > WORST_CONDITION:
         raise InputError(
             "interface", f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",

@@ -26,18 +26,7 @@ PULSE, STRENGTH = 0.5, 3.0
 
 
 def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
-    """Give the frame in one piece.
-
-    Parameters
-    ----------
-    hysteretic : bool
-        Whether both storeys are Bouc-Wen-Baber-Noori springs, or linear.
-
-    Returns
-    -------
-    ShearFrame
-        With the benchmark's damping.
-    """
+    """Give the frame in one piece."""
     law: dict[str, Any] = LAW if hysteretic else {"alpha": 1.0, "beta": 0.0, "gamma": 0.0}
     initial = stiffness_matrix(np.full(2, STIFFNESS))
     omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])
@@ -49,18 +38,7 @@ def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
 
 
 def pulse(time: np.ndarray) -> np.ndarray:
-    """Acceleration of the ground.
-
-    Parameters
-    ----------
-    time : ndarray
-        [s].
-
-    Returns
-    -------
-    ndarray
-        [m/s²].
-    """
+    """Acceleration of the ground."""
     return np.where(time < PULSE, STRENGTH * np.sin(np.pi * time / PULSE) ** 2, 0.0)
 
 
@@ -68,30 +46,7 @@ def pulse(time: np.ndarray) -> np.ndarray:
 def two_floors(
     coupling: Coupling | None = None, *, hysteretic: bool = False, dt: float = 0.01, duration: float = 2.0
 ) -> PartitionedHistories:
-    """Run the benchmark.
-
-    Parameters
-    ----------
-    coupling : Coupling, optional
-        `PrakashHjelmstad` without substeps when left out.
-    hysteretic : bool
-        Whether both storeys are Bouc-Wen-Baber-Noori springs, or linear.
-    dt : float
-        Coarse step [s].
-    duration : float
-        [s].
-
-    Returns
-    -------
-    PartitionedHistories
-        ``.coarse.u`` are the displacements of both floors [m], the first one that of the physical part.
-
-    Examples
-    --------
-    >>> peaks = abs(two_floors(PrakashHjelmstad(substeps=10, fine="physical")).coarse.u).max(axis=0)
-    >>> print(f"{peaks[0]:.8e} {peaks[1]:.8e}")
-    1.47936573e-02 2.29321529e-02
-    """
+    """Run the benchmark."""
     numerical, physical = cut_frame(two_floor_frame(hysteretic), 1, linear=not hysteretic)
     joined = (PrakashHjelmstad() if coupling is None else coupling).joined(numerical, physical, dt)
     steps = round(duration / dt)

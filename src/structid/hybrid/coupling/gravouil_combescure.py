@@ -63,13 +63,7 @@ class GravouilCombescure(Coupling):
 
 @dataclass(frozen=True, eq=False)
 class JoinedAtFineSteps(Joined):
-    """Two parts whose velocities agree at the end of every fine step; see `GravouilCombescure`.
-
-    Parameters
-    ----------
-    coarse, fine, fine_is_physical, substeps, keeps_fine
-        See `Joined`.
-    """
+    """Two parts whose velocities agree at the end of every fine step; see `GravouilCombescure`."""
 
     @cached_property
     def inverse(self) -> np.ndarray:
@@ -77,20 +71,7 @@ class JoinedAtFineSteps(Joined):
         return inverse_of(sum(s.rows @ s.unit_link.velocity for s in (self.coarse, self.fine)))
 
     def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
-        """Take a coarse step; see `Joined.step`.
-
-        Parameters
-        ----------
-        state : CoupledState
-            Before it.
-        bases : array, shape (ss + 1,)
-            Of the base [m/s²].
-
-        Returns
-        -------
-        CoarseStep
-            What happened.
-        """
+        """Take a coarse step; see `Joined.step`."""
         before, traction = self.parts_of(state), state.traction
         nothing, h = 0.0 * traction, self.fine.step
         coarse = self.coarse.free(before[0], bases[:: self.substeps], (nothing, nothing))

@@ -22,58 +22,27 @@ Imposing = Callable[[Any, Any], tuple[Any, Any]]
 
 
 class PartState(NamedTuple):
-    """State of a part between two steps; arrays (dof,) or (dof, run).
+    """State of a part between two steps; arrays (dof,) or (dof, run)."""
 
-    Parameters
-    ----------
-    displacement, velocity, acceleration : array
-        u, v, a.
-    force : array
-        r, the restoring force at u as the splitting has it.
-    imposed, reading : array
-        ũ, at which the force was taken last, and r̃, which was found there.
-    memory : tree of arrays
-        Of the restoring force.
-    """
-
-    displacement: Any
-    velocity: Any
-    acceleration: Any
-    force: Any
-    imposed: Any
-    reading: Any
-    memory: Any
+    displacement: Any  # u, v, a
+    velocity: Any  # u, v, a
+    acceleration: Any  # u, v, a
+    force: Any  # r, the restoring force at u as the splitting has it
+    imposed: Any  # ũ, at which the force was taken last, and r̃, which was found there
+    reading: Any  # ũ, at which the force was taken last, and r̃, which was found there
+    memory: Any  # Of the restoring force
 
 
 class Link(NamedTuple):
-    """Linear response of a part to a change of the interface forces; arrays (dof,) or (dof, run), or (dof, interface) to one each.
+    """Linear response of a part to a change of the interface forces, (dof,) or (dof, run); to unit forces (dof, interface)."""
 
-    Parameters
-    ----------
-    displacement, velocity, acceleration, force : array
-        Changes of u, v, a, r.
-    """
-
-    displacement: Any
-    velocity: Any
-    acceleration: Any
-    force: Any
+    displacement: Any  # Changes of u, v, a, r
+    velocity: Any  # Changes of u, v, a, r
+    acceleration: Any  # Changes of u, v, a, r
+    force: Any  # Changes of u, v, a, r
 
     def added_to(self, state: PartState, factor: Float[Array, "interface *run"] = 1.0) -> PartState:
-        """Correct a state.
-
-        Parameters
-        ----------
-        state : PartState
-            After a free step.
-        factor : array, shape (interface,) or (interface, run), or 1
-            Change of the interface forces, for a response to one each.
-
-        Returns
-        -------
-        PartState
-            The sum.
-        """
+        """Correct a state."""
         u, v, a, r = (x if isinstance(factor, float) else x @ factor for x in self)
         return state._replace(
             displacement=state.displacement + u,
@@ -94,23 +63,12 @@ class OperatorSplitting:
 
     Λ is averaged like the forces: with Λ₁ alone and α ≠ 0 a coupled step is of first order. It is stable at any h while tangents
     stay between 0 and K₀.
-
-    Parameters
-    ----------
-    part : Substructure
-        The part.
-    step : float
-        h [s].
-    alpha : float
-        α, from −1/3 to 0: below zero it damps high frequencies.
-    sign : float
-        Of the part's rows in Σ L v = 0.
     """
 
     part: Substructure
-    step: float
-    alpha: float = 0.0
-    sign: float = 1.0
+    step: float  # h [s]
+    alpha: float = 0.0  # α, from −1/3 to 0: below zero it damps high frequencies
+    sign: float = 1.0  # Of the part's rows in Σ L v = 0
 
     @property
     def gamma(self) -> float:
@@ -148,64 +106,21 @@ class OperatorSplitting:
         return Link(u, self.gamma * h * a, a, self.part.stiffness @ u)
 
     def start(self, displacement: Float[Array, "dof *run"], base: Any) -> PartState:
-        """State before the first step, without interface forces.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros, in the shape of what will come.
-        base : float
-            Acceleration of the base [m/s²].
-
-        Returns
-        -------
-        PartState
-            At rest: M a = −M ι a_g − r(0).
-        """
+        """State before the first step, without interface forces."""
         part = self.part
         force, memory = part.force.begin(displacement)
         acceleration = np.linalg.inv(part.mass) @ (self.load(base, displacement) - force)
         return PartState(displacement, displacement, acceleration, force, displacement, force, memory)
 
     def load(self, base: Any, like: Float[Array, "dof *run"]) -> Any:
-        """−M ι a_g.
-
-        Parameters
-        ----------
-        base : float
-            a_g [m/s²].
-        like : array, shape (dof,) or (dof, run)
-            Of the shape that is wanted.
-
-        Returns
-        -------
-        array
-            [N].
-        """
+        """−M ι a_g."""
         load = self.part.base_load
         return (load if like.ndim == 1 else load[:, None]) * base
 
     def free(
         self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
     ) -> PartState:
-        """Take a step under known interface forces.
-
-        Parameters
-        ----------
-        state : PartState
-            Before it.
-        bases : array, shape (2,)
-            Accelerations of the base at its start and end [m/s²].
-        tractions : tuple of array, shape (interface,) or (interface, run)
-            Λ at its start and end [N].
-        imposing : callable, optional
-            What answers to ũ; the part's restoring force when left out.
-
-        Returns
-        -------
-        PartState
-            After it.
-        """
+        """Take a step under known interface forces."""
         part, h, alpha = self.part, self.step, self.alpha
         u, v, a = state.displacement, state.velocity, state.acceleration
         predicted = u + h * v + h**2 * (0.5 - self.beta) * a
@@ -229,17 +144,6 @@ class OperatorSplitting:
         )
 
     def virtually(self, state: PartState) -> Imposing:
-        """What would answer if the part were linear from now on: r + K₀ (ũ − u). Nothing moves.
-
-        Parameters
-        ----------
-        state : PartState
-            The last one whose force was read.
-
-        Returns
-        -------
-        callable
-            To be taken for `imposing`.
-        """
+        """What would answer if the part were linear from now on: r + K₀ (ũ − u). Nothing moves."""
         force, displacement, stiffness = state.force, state.displacement, self.part.stiffness
         return lambda memory, imposed: (force + stiffness @ (imposed - displacement), memory)

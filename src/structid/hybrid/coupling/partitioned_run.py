@@ -17,108 +17,57 @@ from structid.hybrid.coupling.base import CoarseStep, CoupledState, Joined
 
 @dataclass(frozen=True, eq=False)
 class PartHistory:
-    """Motion of one part; see `PartState`.
+    """Motion of one part; see `PartState`."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        [s].
-    displacement, velocity, acceleration, force : ndarray, shape (time, dof)
-        u [m], v [m/s], a [m/s²], r [N].
-    imposed, reading : ndarray, shape (time, dof)
-        ũ, and the force r̃ that was found there.
-    """
-
-    time: Float[np.ndarray, " time"]
-    displacement: Float[np.ndarray, "time dof"]
-    velocity: Float[np.ndarray, "time dof"]
-    acceleration: Float[np.ndarray, "time dof"]
-    force: Float[np.ndarray, "time dof"]
-    imposed: Float[np.ndarray, "time dof"]
-    reading: Float[np.ndarray, "time dof"]
+    time: Float[np.ndarray, " time"]  # [s]
+    displacement: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
+    velocity: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
+    acceleration: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
+    force: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
+    imposed: Float[np.ndarray, "time dof"]  # ũ, and the force r̃ that was found there
+    reading: Float[np.ndarray, "time dof"]  # ũ, and the force r̃ that was found there
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseHistory:
-    """The structure at the end of every coarse step, first of all at rest.
+    """The structure at the end of every coarse step, first of all at rest."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        [s].
-    u, v, a : ndarray, shape (time, dof)
-        Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the numerical part
-        that are not at the interface.
-    traction : ndarray, shape (time, interface)
-        Λ [N].
-    gap : ndarray, shape (time,)
-        Difference of the displacements of both parts at the interface [m].
-    pseudo_energy : ndarray, shape (time,)
-        Of the interface in each step [W/s].
-    numerical, physical : PartHistory
-        Of the parts.
-    """
-
-    time: Float[np.ndarray, " time"]
+    time: Float[np.ndarray, " time"]  # [s]
+    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
+    # numerical part that are not at the interface
     u: Float[np.ndarray, "time dof"]
+    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
+    # numerical part that are not at the interface
     v: Float[np.ndarray, "time dof"]
+    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
+    # numerical part that are not at the interface
     a: Float[np.ndarray, "time dof"]
-    traction: Float[np.ndarray, "time interface"]
-    gap: Float[np.ndarray, " time"]
-    pseudo_energy: Float[np.ndarray, " time"]
-    numerical: PartHistory
-    physical: PartHistory
+    traction: Float[np.ndarray, "time interface"]  # Λ [N]
+    gap: Float[np.ndarray, " time"]  # Difference of the displacements of both parts at the interface [m]
+    pseudo_energy: Float[np.ndarray, " time"]  # Of the interface in each step [W/s]
+    numerical: PartHistory  # Of the parts
+    physical: PartHistory  # Of the parts
 
 
 @dataclass(frozen=True, eq=False)
 class FineHistory:
-    """The fine part at the end of every fine step.
+    """The fine part at the end of every fine step."""
 
-    Parameters
-    ----------
-    part : PartHistory
-        Its motion. What the coupling adds at the end of a coarse step is in `CoarseHistory` and not here.
-    traction : ndarray, shape (time, interface)
-        Λ that it felt [N].
-    """
-
+    # Its motion. What the coupling adds at the end of a coarse step is in `CoarseHistory` and not here
     part: PartHistory
-    traction: Float[np.ndarray, "time interface"]
+    traction: Float[np.ndarray, "time interface"]  # Λ that it felt [N]
 
 
 @dataclass(frozen=True, eq=False)
 class PartitionedHistories:
-    """Histories on the two clocks.
+    """Histories on the two clocks."""
 
-    Parameters
-    ----------
-    coarse : CoarseHistory
-        Of both parts.
-    fine : FineHistory
-        Of the fine part.
-    """
-
-    coarse: CoarseHistory
-    fine: FineHistory
+    coarse: CoarseHistory  # Of both parts
+    fine: FineHistory  # Of the fine part
 
 
 def steps_over(joined: Joined, start: CoupledState, base: Float[np.ndarray, " _"]) -> Iterator[CoarseStep]:
-    """Take every coarse step of a record.
-
-    Parameters
-    ----------
-    joined : Joined
-        The coupled structure.
-    start : CoupledState
-        Before the first step, from `Joined.start`, which reads a specimen once.
-    base : ndarray, shape (steps · ss + 1,)
-        Acceleration of the base at every fine step [m/s²].
-
-    Yields
-    ------
-    CoarseStep
-        One after the other.
-    """
+    """Take every coarse step of a record."""
     state, count = start, joined.substeps
     for first in range(0, len(base) - 1, count):
         step = joined.step(state, base[first : first + count + 1])
@@ -127,27 +76,7 @@ def steps_over(joined: Joined, start: CoupledState, base: Float[np.ndarray, " _"
 
 
 def base_of(record: GroundMotion, joined: Joined, duration: float | None = None) -> Float[np.ndarray, " _"]:
-    """Acceleration of the base at every fine step.
-
-    Parameters
-    ----------
-    record : GroundMotion
-        The record.
-    joined : Joined
-        Whose steps they are.
-    duration : float, optional
-        How much of it [s]; all when left out.
-
-    Returns
-    -------
-    ndarray, shape (steps · ss + 1,)
-        [m/s²].
-
-    Raises
-    ------
-    InputError
-        If not one coarse step fits into it.
-    """
+    """Acceleration of the base at every fine step."""
     length = record.duration if duration is None else duration
     steps = int(np.floor(length / joined.dt + 1e-9))
     if steps < 1:
@@ -157,40 +86,17 @@ def base_of(record: GroundMotion, joined: Joined, duration: float | None = None)
 
 @dataclass(frozen=True, eq=False)
 class StepFrame:
-    """How a step is written as one row of numbers, and how rows are read as histories.
+    """How a step is written as one row of numbers, and how rows are read as histories."""
 
-    Parameters
-    ----------
-    numerical_rows, physical_rows : ndarray, shape (interface, dof)
-        L of the parts, with their signs.
-    dt : float
-        Δt [s].
-    substeps : int
-        ss.
-    fine_is_physical : bool
-        Which part takes them.
-    """
-
-    numerical_rows: Float[np.ndarray, "interface dof"]
-    physical_rows: Float[np.ndarray, "interface physical_dof"]
-    dt: float
-    substeps: int
-    fine_is_physical: bool
+    numerical_rows: Float[np.ndarray, "interface dof"]  # L of the parts, with their signs
+    physical_rows: Float[np.ndarray, "interface physical_dof"]  # L of the parts, with their signs
+    dt: float  # Δt [s]
+    substeps: int  # ss
+    fine_is_physical: bool  # Which part takes them
 
     @classmethod
     def of(cls, joined: Joined) -> StepFrame:
-        """Take that of coupled parts.
-
-        Parameters
-        ----------
-        joined : Joined
-            The parts.
-
-        Returns
-        -------
-        StepFrame
-            Of their steps.
-        """
+        """Take that of coupled parts."""
         return cls(joined.numerical.rows, joined.physical.rows, joined.dt, joined.substeps, joined.fine_is_physical)
 
     @cached_property
@@ -212,51 +118,18 @@ class StepFrame:
         return sum(math.prod(shape) for shape in self._shapes.values())
 
     def row_of(self, step: CoarseStep) -> Float[np.ndarray, " width"]:
-        """Write a step.
-
-        Parameters
-        ----------
-        step : CoarseStep
-            That was taken.
-
-        Returns
-        -------
-        ndarray, shape (width,)
-            All of it but the memories of the laws.
-        """
+        """Write a step."""
         state = step.state
         parts = (*state.numerical[:6], *state.physical[:6], state.traction, np.atleast_1d(step.pseudo_energy))
         return np.concatenate([np.ravel(x) for x in (*parts, *step.fine.part[:6], step.fine.traction)])
 
     def start_of(self, start: CoupledState) -> Float[np.ndarray, " width"]:
-        """Write the state before the first step, as a step in which nothing fine has happened.
-
-        Parameters
-        ----------
-        start : CoupledState
-            At rest.
-
-        Returns
-        -------
-        ndarray, shape (width,)
-            Its row.
-        """
+        """Write the state before the first step, as a step in which nothing fine has happened."""
         known = np.concatenate([np.ravel(x) for x in (*start.numerical[:6], *start.physical[:6], start.traction)])
         return np.concatenate([known, np.zeros(self.width - len(known))])
 
     def histories(self, rows: Float[np.ndarray, "_ width"]) -> PartitionedHistories:
-        """Read rows.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (1 + step, width)
-            The start and the steps after it.
-
-        Returns
-        -------
-        PartitionedHistories
-            On both clocks.
-        """
+        """Read rows."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])[:-1]
         pieces = zip(self._shapes.items(), np.split(rows, ends, axis=1), strict=True)
         read = {name: piece.reshape(len(rows), *shape) for (name, shape), piece in pieces}
@@ -287,20 +160,7 @@ class StepFrame:
 
 
 def run_over(joined: Joined, base: Float[np.ndarray, " _"]) -> PartitionedHistories:
-    """Run both parts over a record.
-
-    Parameters
-    ----------
-    joined : Joined
-        The coupled structure.
-    base : ndarray, shape (steps · ss + 1,)
-        Acceleration of the base at every fine step [m/s²].
-
-    Returns
-    -------
-    PartitionedHistories
-        On both clocks.
-    """
+    """Run both parts over a record."""
     start, frame = joined.start(base[0]), StepFrame.of(joined)
     return frame.histories(
         np.stack([frame.start_of(start), *(frame.row_of(step) for step in steps_over(joined, start, base))])

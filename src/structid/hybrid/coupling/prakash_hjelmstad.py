@@ -77,17 +77,9 @@ class PrakashHjelmstad(Coupling):
 
 @dataclass(frozen=True, eq=False)
 class JoinedAtCoarseSteps(Joined):
-    """Two parts whose velocities agree at the end of every coarse step; see `PrakashHjelmstad`.
+    """Two parts whose velocities agree at the end of every coarse step; see `PrakashHjelmstad`."""
 
-    Parameters
-    ----------
-    coarse, fine, fine_is_physical, substeps, keeps_fine
-        See `Joined`.
-    virtual : bool
-        Whether Λ* is guessed by a virtual step.
-    """
-
-    virtual: bool = False
+    virtual: bool = False  # Whether Λ* is guessed by a virtual step
 
     @property
     def guesses_for_specimen(self) -> bool:
@@ -112,20 +104,7 @@ class JoinedAtCoarseSteps(Joined):
         return inverse_of(self.coarse.rows @ self.coarse.unit_link.velocity + self.fine.rows @ self.response.velocity)
 
     def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
-        """Take a coarse step; see `Joined.step`.
-
-        Parameters
-        ----------
-        state : CoupledState
-            Before it.
-        bases : array, shape (ss + 1,)
-            Of the base [m/s²].
-
-        Returns
-        -------
-        CoarseStep
-            What happened.
-        """
+        """Take a coarse step; see `Joined.step`."""
         before, traction = self.parts_of(state), state.traction
         guess = self._guessed(before, traction, bases) if self.virtual else traction
         coarse = self.coarse.free(before[0], bases[:: self.substeps], (traction, guess))

@@ -15,33 +15,14 @@ STILL = 1e-6
 
 
 class FreeOscillations(NamedTuple):
-    """Oscillations of a coupled structure without load, as its integrator has them.
+    """Oscillations of a coupled structure without load, as its integrator has them."""
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (mode,)
-        [rad/s], rising.
-    damping_ratios : ndarray, shape (mode,)
-        ζ; negative for an oscillation that grows.
-    """
-
-    frequencies: Float[np.ndarray, " mode"]
-    damping_ratios: Float[np.ndarray, " mode"]
+    frequencies: Float[np.ndarray, " mode"]  # [rad/s], rising
+    damping_ratios: Float[np.ndarray, " mode"]  # ζ; negative for an oscillation that grows
 
 
 def amplification(joined: Joined) -> Float[np.ndarray, "state state"]:
-    """Matrix by which a coarse step maps the state of linear parts, by taking it from unit states all at once.
-
-    Parameters
-    ----------
-    joined : Joined
-        Parts that answer linearly, such as `Substructure.softened`.
-
-    Returns
-    -------
-    ndarray, shape (state, state)
-        State: u, v, a, r of the numerical and of the physical part, and Λ.
-    """
+    """Matrix by which a coarse step maps the state of linear parts, by taking it from unit states all at once."""
     sizes = [s.part.dofs for s in (joined.numerical, joined.physical) for _ in range(4)]
     units = np.split(np.eye(sum(sizes) + len(joined.coarse.rows)), np.cumsum(sizes))
     numerical, physical = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
@@ -50,34 +31,12 @@ def amplification(joined: Joined) -> Float[np.ndarray, "state state"]:
 
 
 def spectral_radius(joined: Joined) -> float:
-    """Largest absolute eigenvalue of the amplification matrix; 1 or less where a coupling is stable.
-
-    Parameters
-    ----------
-    joined : Joined
-        Parts that answer linearly.
-
-    Returns
-    -------
-    float
-        1 to rounding also where it is stable without damping: interface displacements may differ by a constant.
-    """
+    """Largest absolute eigenvalue of the amplification matrix; 1 or less where a coupling is stable."""
     return float(np.abs(np.linalg.eigvals(amplification(joined))).max())
 
 
 def free_oscillations(joined: Joined) -> FreeOscillations:
-    """Frequencies and damping of what oscillates: with an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|.
-
-    Parameters
-    ----------
-    joined : Joined
-        Parts that answer linearly.
-
-    Returns
-    -------
-    FreeOscillations
-        One of each conjugate pair.
-    """
+    """Frequencies and damping of what oscillates: with an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|."""
     values = np.linalg.eigvals(amplification(joined))
     values = values[(values.imag > STILL) & (np.abs(values) > STILL)]
     exponents = np.log(values)

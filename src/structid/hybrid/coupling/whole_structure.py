@@ -16,35 +16,16 @@ from structid.hybrid.coupling.base import Joined
 
 @dataclass(frozen=True, eq=False)
 class WholeStructure:
-    """Parts that are tied at their interface, in degrees of freedom of the whole.
+    """Parts that are tied at their interface, in degrees of freedom of the whole."""
 
-    Parameters
-    ----------
-    mass, damping : ndarray, shape (dof, dof)
-        M [kg] and C [N s/m].
-    numerical, physical : ndarray, shape (dof, dof)
-        Initial stiffnesses of the parts [N/m].
-    """
-
-    mass: Float[np.ndarray, "dof dof"]
-    damping: Float[np.ndarray, "dof dof"]
-    numerical: Float[np.ndarray, "dof dof"]
-    physical: Float[np.ndarray, "dof dof"]
+    mass: Float[np.ndarray, "dof dof"]  # M [kg] and C [N s/m]
+    damping: Float[np.ndarray, "dof dof"]  # M [kg] and C [N s/m]
+    numerical: Float[np.ndarray, "dof dof"]  # Initial stiffnesses of the parts [N/m]
+    physical: Float[np.ndarray, "dof dof"]  # Initial stiffnesses of the parts [N/m]
 
     @classmethod
     def of(cls, joined: Joined) -> WholeStructure:
-        """Tie both parts: all displacements that satisfy Σ L u = 0.
-
-        Parameters
-        ----------
-        joined : Joined
-            The coupled parts.
-
-        Returns
-        -------
-        WholeStructure
-            Of their initial stiffness.
-        """
+        """Tie both parts: all displacements that satisfy Σ L u = 0."""
         sides = joined.numerical, joined.physical
         basis = scipy.linalg.null_space(np.concatenate([s.rows for s in sides], axis=1))
         maps = np.split(basis, [sides[0].part.dofs])
@@ -87,16 +68,5 @@ class WholeStructure:
         return critical_delay_of(self.mass, self.damping, self.numerical, self.physical)
 
     def growing_oscillations(self, factor: Callable[[float], complex]) -> int:
-        """Count the oscillations that grow where the specimen's force comes multiplied by G.
-
-        Parameters
-        ----------
-        factor : callable
-            G of a frequency [rad/s] in simulated time.
-
-        Returns
-        -------
-        int
-            See `structid.hybrid.control.delay.growing_oscillations`.
-        """
+        """Count the oscillations that grow where the specimen's force comes multiplied by G."""
         return growing_oscillations(self.mass, self.damping, self.numerical, self.physical, factor)

@@ -47,21 +47,11 @@ GRACE = 0.5
 
 
 class Finding(NamedTuple):
-    """One check.
+    """One check."""
 
-    Parameters
-    ----------
-    what : str
-        What the server must do.
-    passed : bool
-        Whether it does.
-    came : str
-        What it did instead; empty where it passed.
-    """
-
-    what: str
-    passed: bool
-    came: str = ""
+    what: str  # What the server must do
+    passed: bool  # Whether it does
+    came: str = ""  # What it did instead; empty where it passed
 
 
 class _Failed(Exception):
@@ -128,22 +118,7 @@ class _Peer:
 
 
 def hello(nonce: bytes, key: bytes, sequence: int = 0) -> bytes:
-    """Write a HELLO.
-
-    Parameters
-    ----------
-    nonce : bytes
-        Of the client.
-    key : bytes
-        Of its tag.
-    sequence : int
-        Its number.
-
-    Returns
-    -------
-    bytes
-        The frame.
-    """
+    """Write a HELLO."""
     return packed(
         Frame(Kind.HELLO, sequence, Hello(nonce=nonce.hex(), software="conformance").model_dump_json().encode()), key
     )

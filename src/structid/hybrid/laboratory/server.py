@@ -47,23 +47,7 @@ Log = Callable[[str], None]
 
 
 def parsed_address(address: str) -> tuple[str, int]:
-    """Take an address apart.
-
-    Parameters
-    ----------
-    address : str
-        ``"127.0.0.1:7700"``.
-
-    Returns
-    -------
-    tuple of str and int
-        Host and port.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Take an address apart."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
         raise InputError("address", f"'{address}'", "a host and a port, such as 127.0.0.1:7700")

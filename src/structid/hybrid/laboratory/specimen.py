@@ -23,63 +23,39 @@ class SpecimenError(StructidError):
 
 
 class SpecimenChannel(BaseModel):
-    """One actuated displacement of a specimen.
-
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    unit : {"m", "rad"}
-        Of its displacement; its force is in N or N m.
-    stroke, velocity, force : float or None
-        Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none.
-    delay : float
-        By which the piston follows its command, as measured by the laboratory [s] of wall time.
-    """
+    """One actuated displacement of a specimen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str
-    unit: Literal["m", "rad"] = "m"
+    name: str  # What it is called
+    unit: Literal["m", "rad"] = "m"  # Of its displacement; its force is in N or N m
+    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
     stroke: Positive | None = None
+    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
     velocity: Positive | None = None
+    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
     force: Positive | None = None
+    # By which the piston follows its command, as measured by the laboratory [s] of wall time
     delay: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
 
 
 class SpecimenDescription(BaseModel):
-    """What a specimen says of itself before a test.
-
-    Attributes
-    ----------
-    name : str
-        Of the specimen.
-    channels : tuple of SpecimenChannel
-        What can be moved, in the order of every vector.
-    controller_step : float
-        T_c [s] of wall time.
-    simulated : bool
-        Whether it is a program. A test on one may be resumed; one on a structure never.
-    stiffness : tuple of tuple of float, or None
-        Initial stiffness in its channels, if it knows it.
-    datum : tuple of float, or None
-        Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again.
-    longest_path : int
-        Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to itself.
-    software : str
-        That drives it.
-    """
+    """What a specimen says of itself before a test."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str
+    name: str  # Of the specimen
+    # What can be moved, in the order of every vector
     channels: Annotated[tuple[SpecimenChannel, ...], Field(min_length=1, max_length=MOST_CHANNELS)]
-    controller_step: Positive = 1e-3
-    simulated: bool = False
-    stiffness: tuple[tuple[float, ...], ...] | None = None
+    controller_step: Positive = 1e-3  # T_c [s] of wall time
+    simulated: bool = False  # Whether it is a program. A test on one may be resumed; one on a structure never
+    stiffness: tuple[tuple[float, ...], ...] | None = None  # Initial stiffness in its channels, if it knows it
+    # Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again
     datum: tuple[Finite, ...] | None = None
+    # Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to
+    # itself
     longest_path: Annotated[int, Field(ge=1, le=LONGEST_PATH)] = LONGEST_PATH
-    software: str = ""
+    software: str = ""  # That drives it
 
     @model_validator(mode="after")
     def _square(self) -> Self:
@@ -92,20 +68,7 @@ class SpecimenDescription(BaseModel):
         return self
 
     def refusal(self, last: Float[np.ndarray, " channel"], path: Float[np.ndarray, "sample channel"]) -> str | None:
-        """Say why a path is beyond what the specimen may do; this is decided before anything moves.
-
-        Parameters
-        ----------
-        last : ndarray, shape (channel,)
-            The last accepted command.
-        path : ndarray, shape (sample, channel)
-            Commands, one a controller step.
-
-        Returns
-        -------
-        str or None
-            None where it is not.
-        """
+        """Say why a path is beyond what the specimen may do; this is decided before anything moves."""
         count = len(self.channels)
         if path.ndim != 2 or path.shape[1] != count or not 1 <= len(path) <= self.longest_path:
             return f"a path of shape {path.shape}; it has {count} channels and takes 1 to {self.longest_path} steps"
@@ -123,16 +86,10 @@ class SpecimenDescription(BaseModel):
 
 
 class Reading(NamedTuple):
-    """What was measured at the end of a move, averaged over its last controller steps.
+    """What was measured at the end of a move, averaged over its last controller steps."""
 
-    Parameters
-    ----------
-    displacement, force : ndarray, shape (channel,)
-        u_m [m], and the force that the specimen exerts against it [N].
-    """
-
-    displacement: Float[np.ndarray, " channel"]
-    force: Float[np.ndarray, " channel"]
+    displacement: Float[np.ndarray, " channel"]  # u_m [m], and the force that the specimen exerts against it [N]
+    force: Float[np.ndarray, " channel"]  # u_m [m], and the force that the specimen exerts against it [N]
 
 
 class Specimen(ABC):

@@ -19,24 +19,12 @@ TARE = 1.0
 
 
 class Move(NamedTuple):
-    """One motion of a specimen, and what was read at its end; arrays (channel,).
+    """One motion of a specimen, and what was read at its end; arrays (channel,)."""
 
-    Parameters
-    ----------
-    target : ndarray
-        Where it should be, from the integrator [m].
-    command : ndarray
-        What was sent last [m].
-    measured : ndarray
-        Where it was [m].
-    force : ndarray
-        That it exerts, without that before the test [N].
-    """
-
-    target: np.ndarray
-    command: np.ndarray
-    measured: np.ndarray
-    force: np.ndarray
+    target: np.ndarray  # Where it should be, from the integrator [m]
+    command: np.ndarray  # What was sent last [m]
+    measured: np.ndarray  # Where it was [m]
+    force: np.ndarray  # That it exerts, without that before the test [N]
 
 
 class SpecimenForce(RestoringForce):
@@ -44,21 +32,6 @@ class SpecimenForce(RestoringForce):
 
     A displacement is imposed once and read once. The force that it exerts before the first move belongs to its static load and is
     taken off every reading.
-
-    Parameters
-    ----------
-    specimen : Specimen
-        What is moved.
-    geometry : ndarray, shape (channel, dof)
-        B.
-    motion : Motion
-        From one place to the next.
-    compensator : Compensator, optional
-        Of the transfer system.
-    stiffness : ndarray, shape (dof, dof), optional
-        K₀ for a correction of the force r + K₀ (ũ − u_m); none is made when left out.
-    moved : callable, optional
-        Called with every `Move` when it has ended.
     """
 
     def __init__(
@@ -83,50 +56,15 @@ class SpecimenForce(RestoringForce):
         return int(self.geometry.shape[1])
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : ndarray, shape (dof,)
-            Zeros.
-
-        Returns
-        -------
-        tuple
-            Empty.
-        """
+        """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`."""
         return ()
 
     def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Read the specimen where it is; see `RestoringForce.begin`.
-
-        Parameters
-        ----------
-        displacement : ndarray, shape (dof,)
-            Zeros.
-
-        Returns
-        -------
-        tuple
-            The force that was read, and nothing.
-        """
+        """Read the specimen where it is; see `RestoringForce.begin`."""
         return self.at(self.at_rest(displacement), displacement)
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Move the specimen; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : tuple
-            Nothing.
-        displacement : ndarray, shape (dof,)
-            ũ.
-
-        Returns
-        -------
-        tuple
-            The force that was read, and nothing.
-        """
+        """Move the specimen; see `RestoringForce.at`."""
         if self._at_rest is None:
             self._at_rest = self._tared()
         target = self.geometry @ displacement

@@ -68,44 +68,18 @@ class WireError(SpecimenError):
 
 
 class Frame(NamedTuple):
-    """A message.
+    """A message."""
 
-    Parameters
-    ----------
-    kind : Kind
-        What it is.
-    sequence : int
-        Its number.
-    payload : bytes
-        Its content.
-    """
-
-    kind: Kind
-    sequence: int
-    payload: bytes = b""
+    kind: Kind  # What it is
+    sequence: int  # Its number
+    payload: bytes = b""  # Its content
 
 
 # --- keys -----------------------------------------------------------------------------------------------------------
 
 
 def checked_secret(secret: str | bytes) -> bytes:
-    """Take a shared secret as bytes.
-
-    Parameters
-    ----------
-    secret : str or bytes
-        Known to both sides, and to nobody else.
-
-    Returns
-    -------
-    bytes
-        In UTF-8.
-
-    Raises
-    ------
-    InputError
-        If it is too short to be one.
-    """
+    """Take a shared secret as bytes."""
     given = secret.encode() if isinstance(secret, str) else bytes(secret)
     if len(given) < SHORTEST_SECRET:
         raise InputError(
@@ -116,36 +90,12 @@ def checked_secret(secret: str | bytes) -> bytes:
 
 
 def greeting_key(secret: bytes) -> bytes:
-    """Key of HELLO and WELCOME.
-
-    Parameters
-    ----------
-    secret : bytes
-        Shared.
-
-    Returns
-    -------
-    bytes
-        32 of them.
-    """
+    """Key of HELLO and WELCOME."""
     return hmac.digest(secret, b"structid specimen greeting", "sha256")
 
 
 def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
-    """Key of a session; a recorded session cannot be played again, since the server's nonce is another one.
-
-    Parameters
-    ----------
-    secret : bytes
-        Shared.
-    client, server : bytes
-        Nonces of both sides.
-
-    Returns
-    -------
-    bytes
-        32 of them.
-    """
+    """Key of a session; a recorded session cannot be played again, since the server's nonce is another one."""
     return hmac.digest(secret, b"structid specimen session" + client + server, "sha256")
 
 
@@ -153,48 +103,13 @@ def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
 
 
 def packed(frame: Frame, key: bytes) -> bytes:
-    """Write a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        The message.
-    key : bytes
-        Of its tag.
-
-    Returns
-    -------
-    bytes
-        Header, payload and tag.
-    """
+    """Write a frame."""
     body = HEADER.pack(MAGIC, VERSION, frame.kind, frame.sequence, len(frame.payload), 0) + frame.payload
     return body + hmac.digest(key, body, "sha256")
 
 
 def received(connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD) -> Frame | None:
-    """Wait for a frame, and check everything of it that does not depend on the session.
-
-    Parameters
-    ----------
-    connection : socket
-        From which it comes.
-    key : bytes
-        That its tag must have.
-    patience : float
-        How long to wait until all of it is there [s].
-    largest : int
-        Bytes of the longest payload that is read.
-
-    Returns
-    -------
-    Frame or None
-        None where the other side has closed the connection between two frames.
-
-    Raises
-    ------
-    WireError
-        If it is late, cut off, malformed, or its tag is wrong.
-    """
+    """Wait for a frame, and check everything of it that does not depend on the session."""
     until = time.monotonic() + patience
     head = _exactly(connection, HEADER.size, until, may_end=True)
     if head is None:
@@ -246,24 +161,7 @@ def _silence(received: int) -> str:
 
 
 def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -> None:
-    """Send a frame.
-
-    Parameters
-    ----------
-    connection : socket
-        Through which it goes.
-    frame : Frame
-        The message.
-    key : bytes
-        Of its tag.
-    patience : float
-        How long it may take [s].
-
-    Raises
-    ------
-    WireError
-        If the connection does not take it.
-    """
+    """Send a frame."""
     connection.settimeout(patience)
     try:
         connection.sendall(packed(frame, key))
@@ -275,65 +173,28 @@ def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -
 
 
 class Hello(BaseModel):
-    """What a client says first.
-
-    Attributes
-    ----------
-    nonce : str
-        Of the client, 16 bytes in hexadecimal.
-    software : str
-        That it is.
-    """
+    """What a client says first."""
 
     model_config = ConfigDict(extra="forbid")
 
-    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]
-    software: Annotated[str, Field(max_length=200)] = ""
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # Of the client, 16 bytes in hexadecimal
+    software: Annotated[str, Field(max_length=200)] = ""  # That it is
 
 
 class Welcome(BaseModel):
-    """What a server answers.
-
-    Attributes
-    ----------
-    client_nonce : str
-        The client's, so that an old answer is none.
-    nonce : str
-        Of the server.
-    watchdog : float
-        Silence after which it holds the specimen and ends a session [s].
-    description : SpecimenDescription
-        Of its specimen.
-    """
+    """What a server answers."""
 
     model_config = ConfigDict(extra="forbid")
 
-    client_nonce: str
-    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]
+    client_nonce: str  # The client's, so that an old answer is none
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # Of the server
+    # Silence after which it holds the specimen and ends a session [s]
     watchdog: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-    description: SpecimenDescription
+    description: SpecimenDescription  # Of its specimen
 
 
 def read_json(what: type[Message], payload: bytes) -> Message:
-    """Read a control message.
-
-    Parameters
-    ----------
-    what : type
-        `Hello` or `Welcome`.
-    payload : bytes
-        JSON.
-
-    Returns
-    -------
-    BaseModel
-        Checked.
-
-    Raises
-    ------
-    WireError
-        If it is anything else.
-    """
+    """Read a control message."""
     try:
         return what.model_validate(json.loads(payload))
     except (ValidationError, ValueError) as error:
@@ -341,41 +202,12 @@ def read_json(what: type[Message], payload: bytes) -> Message:
 
 
 def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> bytes:
-    """Write a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample.
-
-    Parameters
-    ----------
-    path : ndarray, shape (sample, channel)
-        Commands [m].
-    averaged : int
-        Controller steps that are averaged.
-
-    Returns
-    -------
-    bytes
-        The payload.
-    """
+    """Write a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample."""
     return MOVE_HEAD.pack(*path.shape, averaged) + np.ascontiguousarray(path, dtype="<f8").tobytes()
 
 
 def read_move(payload: bytes) -> tuple[np.ndarray, int]:
-    """Read a path.
-
-    Parameters
-    ----------
-    payload : bytes
-        Of a MOVE.
-
-    Returns
-    -------
-    tuple of ndarray and int
-        Path (sample, channel), and how many steps are averaged.
-
-    Raises
-    ------
-    WireError
-        If it is none, or holds a number that is not finite.
-    """
+    """Read a path."""
     if len(payload) < MOVE_HEAD.size:
         raise WireError("A move came that is too short.")
     samples, channels, averaged = MOVE_HEAD.unpack_from(payload)
@@ -395,41 +227,12 @@ def read_move(payload: bytes) -> tuple[np.ndarray, int]:
 
 
 def packed_reading(reading: Reading) -> bytes:
-    """Write a reading: displacements, then forces, float64.
-
-    Parameters
-    ----------
-    reading : Reading
-        What was measured.
-
-    Returns
-    -------
-    bytes
-        The payload.
-    """
+    """Write a reading: displacements, then forces, float64."""
     return np.concatenate(reading).astype("<f8").tobytes()
 
 
 def read_reading(payload: bytes, channels: int) -> Reading:
-    """Read a reading.
-
-    Parameters
-    ----------
-    payload : bytes
-        Of a READING.
-    channels : int
-        Of the specimen.
-
-    Returns
-    -------
-    Reading
-        Displacements and forces.
-
-    Raises
-    ------
-    WireError
-        If it is none, or holds a number that is not finite.
-    """
+    """Read a reading."""
     if len(payload) != 16 * channels:
         raise WireError(f"A reading of {len(payload)} bytes came, and {channels} channels have {16 * channels}.")
     values = np.frombuffer(payload, dtype="<f8")

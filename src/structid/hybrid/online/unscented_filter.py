@@ -32,20 +32,12 @@ LEAST_VARIANCE = 1e-18
 
 @dataclass(frozen=True, eq=False)
 class FilteredPath:
-    """What the filter believed after every move.
+    """What the filter believed after every move."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Of the parameters.
-    mean, low, high : ndarray, shape (move, parameter)
-        At its mean, and at both ends of its band of 95 %, in SI.
-    """
-
-    names: tuple[str, ...]
-    mean: Float[np.ndarray, "move parameter"]
-    low: Float[np.ndarray, "move parameter"]
-    high: Float[np.ndarray, "move parameter"]
+    names: tuple[str, ...]  # Of the parameters
+    mean: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
+    low: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
+    high: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
 
 
 @check_arguments

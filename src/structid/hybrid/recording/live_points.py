@@ -16,13 +16,7 @@ AT_ONCE = 400
 
 
 class LivePoints:
-    """Follows one test.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there will be.
-    """
+    """Follows one test."""
 
     def __init__(self, store: Path) -> None:
         self._following = Following(store)
@@ -46,18 +40,7 @@ class LivePoints:
         self._floors = np.concatenate([self._floors.reshape(-1, floors.shape[1]), floors])
 
     def since(self, moves: int, steps: int) -> dict[str, Any]:
-        """Give what is new, as JSON can represent it.
-
-        Parameters
-        ----------
-        moves, steps : int
-            Moves and steps that are known already.
-
-        Returns
-        -------
-        dict
-            Channels with new points, displacements of floors, indicators; empty before the first step.
-        """
+        """Give what is new, as JSON can represent it."""
         if self._about is None:
             return {}
         about, channels = self._about, []

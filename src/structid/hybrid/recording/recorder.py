@@ -42,34 +42,12 @@ class RecordingError(StructidError):
 
 
 def journal_of(store: Path) -> Path:
-    """Name the journal of a store.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there will be.
-
-    Returns
-    -------
-    Path
-        Beside it.
-    """
+    """Name the journal of a store."""
     return store.with_name(store.name + JOURNAL)
 
 
 def tails_of(store: Path) -> tuple[Path, Path]:
-    """Name the tails of a store.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there will be.
-
-    Returns
-    -------
-    tuple of Path
-        Beside it.
-    """
+    """Name the tails of a store."""
     return store.with_name(store.name + ".tail0"), store.with_name(store.name + ".tail1")
 
 
@@ -137,22 +115,7 @@ def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.nda
 
 
 class Recorder:
-    """Records rows of one length beside a store, until they are put into it.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there will be; nothing of that name may exist.
-    about : mapping
-        What one needs to read the rows, as JSON can represent it.
-    width : int
-        Numbers in a row.
-
-    Raises
-    ------
-    InputError
-        If there is a recording already, or no room for one.
-    """
+    """Records rows of one length beside a store, until they are put into it."""
 
     def __init__(self, store: Path, about: Mapping[str, Any], width: int) -> None:
         for path in (store, journal_of(store)):
@@ -189,18 +152,7 @@ class Recorder:
         self.close()
 
     def add(self, row: Float[np.ndarray, " width"]) -> None:
-        """Record a row. It survives this process when this returns, and the machine a block later.
-
-        Parameters
-        ----------
-        row : ndarray, shape (width,)
-            Numbers.
-
-        Raises
-        ------
-        RecordingError
-            If earlier rows could not be written; this one is kept all the same.
-        """
+        """Record a row. It survives this process when this returns, and the machine a block later."""
         content = np.ascontiguousarray(row, dtype="<f8").tobytes()
         with self._lock:
             tail = self._tails[0]
@@ -251,32 +203,13 @@ class Recorder:
 
 
 class Following:
-    """Reads the rows of a test while another process records them; it asks nothing of that process.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there will be.
-
-    Attributes
-    ----------
-    about : dict
-        What the recorder was told about the rows; empty until it is there.
-    count : int
-        Rows that were read so far.
-    """
+    """Reads the rows of a test while another process records them; it asks nothing of that process."""
 
     def __init__(self, store: Path) -> None:
         self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
 
     def new_rows(self) -> Float[np.ndarray, "row width"]:
-        """Read what has come since the last time.
-
-        Returns
-        -------
-        ndarray, shape (row, width)
-            In their order; none where nothing has come, or the recording has been put into its store.
-        """
+        """Read what has come since the last time."""
         try:
             rows = _rows_in_tails(self.store)
             entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
@@ -291,23 +224,7 @@ class Following:
 
 
 def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
-    """Read a recording, also of a process that has died.
-
-    Parameters
-    ----------
-    store : Path
-        The HDF5 file that there should have been.
-
-    Returns
-    -------
-    tuple of dict and ndarray
-        What the recorder was told about the rows, and the rows (row, width).
-
-    Raises
-    ------
-    InputError
-        If there is none, or it lacks rows in its middle.
-    """
+    """Read a recording, also of a process that has died."""
     path = journal_of(store)
     if not path.exists():
         raise InputError(f"store {store}", "no recording is there", "the store of a hybrid test")

@@ -34,36 +34,16 @@ CUT_OFF = "The recording was cut off: its process died, or its disk was full. Ev
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class About:
-    """What is known of a test before it begins, and what one needs to read its recording.
+    """What is known of a test before it begins, and what one needs to read its recording."""
 
-    Parameters
-    ----------
-    description : SpecimenDescription
-        Of the specimen.
-    feasibility : Feasibility
-        Of the test.
-    record : GroundMotion
-        That shakes it.
-    frame : StepFrame
-        Of its steps.
-    moves_per_step : int
-        Motions of the specimen in a coarse step.
-    """
-
-    description: SpecimenDescription
-    feasibility: Feasibility
-    record: GroundMotion
-    frame: StepFrame
-    moves_per_step: int
+    description: SpecimenDescription  # Of the specimen
+    feasibility: Feasibility  # Of the test
+    record: GroundMotion  # That shakes it
+    frame: StepFrame  # Of its steps
+    moves_per_step: int  # Motions of the specimen in a coarse step
 
     def to_plain(self) -> dict[str, Any]:
-        """Give it ready for JSON, numbers to their last bit.
-
-        Returns
-        -------
-        dict
-            For `from_plain`.
-        """
+        """Give it ready for JSON, numbers to their last bit."""
         frame = {f.name: getattr(self.frame, f.name) for f in dataclasses.fields(self.frame)}
         return {
             "description": self.description.model_dump(mode="json"),
@@ -75,18 +55,7 @@ class About:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> About:
-        """Read it again.
-
-        Parameters
-        ----------
-        plain : dict
-            From `to_plain`.
-
-        Returns
-        -------
-        About
-            The same.
-        """
+        """Read it again."""
         frame: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in plain["frame"].items()}
         return cls(
             SpecimenDescription.model_validate(plain["description"]),
@@ -104,20 +73,7 @@ class About:
         return self.frame.width + self.moves_per_step * 4 * len(self.description.channels)
 
     def row(self, step: Float[np.ndarray, " frame_width"], moves: list[Move]) -> Float[np.ndarray, " width"]:
-        """Put a step and its moves into one row.
-
-        Parameters
-        ----------
-        step : ndarray, shape (frame width,)
-            From `StepFrame.row_of`.
-        moves : list of Move
-            At most `moves_per_step`; the start has one.
-
-        Returns
-        -------
-        ndarray, shape (width,)
-            NaN for moves that are missing.
-        """
+        """Put a step and its moves into one row."""
         found = np.full(self.width, np.nan)
         found[: len(step)] = step
         values = np.ravel(moves)
@@ -127,22 +83,7 @@ class About:
     def result(
         self, rows: Float[np.ndarray, "row width"], events: list[Event], stiffness_ratio: float = np.nan
     ) -> HybridResult:
-        """Read rows as a result.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (row, width)
-            The start, then the steps.
-        events : list of Event
-            Of the test.
-        stiffness_ratio : float
-            That was seen.
-
-        Returns
-        -------
-        HybridResult
-            As far as they go.
-        """
+        """Read rows as a result."""
         channels, frame = len(self.description.channels), self.frame
         histories = frame.histories(rows[:, : frame.width]) if len(rows) else None
         moves = rows[:, frame.width :].reshape(-1, 4, channels)
@@ -161,20 +102,7 @@ def _feasibility(plain: dict[str, Any]) -> Feasibility:
 
 
 def save(result: HybridResult, path: Path) -> None:
-    """Write a result completely or not at all.
-
-    Parameters
-    ----------
-    result : HybridResult
-        Of a test that has ended.
-    path : Path
-        The HDF5 file.
-
-    Raises
-    ------
-    OSError
-        If the disk does not take it.
-    """
+    """Write a result completely or not at all."""
     import h5py
 
     content = io.BytesIO()  # in memory: HDF5 does not survive a disk that fills up while it closes a file

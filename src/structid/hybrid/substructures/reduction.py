@@ -18,59 +18,22 @@ from structid.hybrid.substructures.substructure import Substructure
 
 
 class Matrices(NamedTuple):
-    """Matrices of a linear part.
+    """Matrices of a linear part."""
 
-    Parameters
-    ----------
-    mass, damping, stiffness : ndarray, shape (dof, dof)
-        M [kg], C [N s/m], K [N/m].
-    influence : ndarray, shape (dof,)
-        ι, the displacement of each degree of freedom with the base.
-    """
-
-    mass: Float[np.ndarray, "dof dof"]
-    damping: Float[np.ndarray, "dof dof"]
-    stiffness: Float[np.ndarray, "dof dof"]
-    influence: Float[np.ndarray, " dof"]
+    mass: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
+    damping: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
+    stiffness: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
+    influence: Float[np.ndarray, " dof"]  # ι, the displacement of each degree of freedom with the base
 
     def onto(self, basis: Float[np.ndarray, "dof coordinate"]) -> Matrices:
-        """Restrict the motion to u = T q: Tᵀ M T, Tᵀ C T, Tᵀ K T, and ι with M_r ι_r = Tᵀ M ι.
-
-        Parameters
-        ----------
-        basis : ndarray, shape (dof, coordinate)
-            T.
-
-        Returns
-        -------
-        Matrices
-            Of the coordinates.
-        """
+        """Restrict the motion to u = T q: Tᵀ M T, Tᵀ C T, Tᵀ K T, and ι with M_r ι_r = Tᵀ M ι."""
         # Symmetric in exact arithmetic; where stiff parts cancel, rounding would show.
         mass, damping, stiffness = (0.5 * (small + small.T) for small in (basis.T @ full @ basis for full in self[:3]))
         return Matrices(mass, damping, stiffness, np.linalg.solve(mass, basis.T @ self.mass @ self.influence))
 
 
 def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int]) -> Float[np.ndarray, "dof kept"]:
-    """Where a part comes to rest when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (dof, dof)
-        K.
-    kept : sequence of int
-        Degrees of freedom from 0.
-
-    Returns
-    -------
-    ndarray, shape (dof, kept)
-        A column for each, in their order.
-
-    Raises
-    ------
-    InputError
-        If what is not kept can move without force.
-    """
+    """Where a part comes to rest when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik."""
     kept = list(kept)
     count = len(stiffness)
     if len(set(kept)) < len(kept) or not set(kept) <= set(range(count)) or not kept:

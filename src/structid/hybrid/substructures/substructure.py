@@ -167,20 +167,6 @@ def proportional_damping(
 
     ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with one of them a₀ = 0. Both coefficients belong to the whole structure, so that the
     parts' damping adds up to its own.
-
-    Parameters
-    ----------
-    mass, stiffness : ndarray, shape (dof, dof)
-        Of the part.
-    frequencies : sequence of float
-        One or two [rad/s].
-    ratio : float
-        ζ.
-
-    Returns
-    -------
-    ndarray, shape (dof, dof)
-        C [N s/m].
     """
     if len(frequencies) == 1:
         return np.asarray(2.0 * ratio / frequencies[0] * stiffness)

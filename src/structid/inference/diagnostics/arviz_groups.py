@@ -29,24 +29,7 @@ def groups_of_draws(
     statistics: Mapping[str, np.ndarray],
     units: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Groups that every sampler has: the posterior and the statistics of its draws.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (chain, draw, parameter)
-        In SI.
-    ensemble : ndarray of int, shape (chain,)
-        The ensemble each chain belongs to.
-    statistics : mapping of str to ndarray, shape (chain, draw)
-        Of every draw.
-    units : mapping of str to str
-        Display unit of every parameter, in order.
-
-    Returns
-    -------
-    dict of str to xarray.Dataset
-        By group name.
-    """
+    """Groups that every sampler has: the posterior and the statistics of its draws."""
     import xarray
 
     dims = ("chain", "draw")
@@ -80,24 +63,7 @@ def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
 def groups_of_measurement(
     posterior: Posterior, theta: Float[np.ndarray, "draw parameter"], seed: int, predictions: bool
 ) -> dict[str, Any]:
-    """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model and measurements.
-    theta : ndarray, shape (draw, parameter)
-        Thinned posterior draws in SI.
-    seed : int
-        Seed of prior draws and discrepancy.
-    predictions : bool
-        Simulate the predictives and the pointwise log-likelihood.
-
-    Returns
-    -------
-    dict of str to xarray.Dataset
-        By group name.
-    """
+    """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood."""
     import xarray
 
     prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values

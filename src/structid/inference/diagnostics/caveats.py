@@ -15,22 +15,7 @@ SURROGATE_NATS = 2.0
 
 
 def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[np.ndarray, " parameter"]) -> list[str]:
-    """Say what speaks against the model.
-
-    Parameters
-    ----------
-    best : BestPrediction
-        What its best prediction leaves; NaN where nothing is measured.
-    drift : ParameterDrift or None
-        How far its parameters drift.
-    mean : ndarray, shape (parameter,)
-        Posterior means in SI.
-
-    Returns
-    -------
-    list of str
-        A sentence each.
-    """
+    """Say what speaks against the model."""
     found = []
     if best.unexplained > UNEXPLAINED_LIMIT:
         left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
@@ -48,24 +33,7 @@ def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[
 def surrogate_warnings(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], unexplained: float, certified: bool | None
 ) -> list[str]:
-    """Say where a surrogate may have moved the posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        That was sampled.
-    draws : ndarray, shape (draw, parameter)
-        Of it, in SI.
-    unexplained : float
-        Fraction of the measurement's variance that the best prediction leaves.
-    certified : bool or None
-        Whether runs of the model have shown that the surrogate is good enough; None if not checked.
-
-    Returns
-    -------
-    list of str
-        A sentence each; none where the model stands for itself, or the surrogate is certified.
-    """
+    """Say where a surrogate may have moved the posterior."""
     stand_in = posterior.model.stand_in
     if stand_in is None or certified:
         return []

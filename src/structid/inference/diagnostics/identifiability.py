@@ -25,29 +25,16 @@ class Identifiability:
     With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
     prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ says how many times better the data determine a
     combination than the prior does (in variance).
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    fisher : ndarray, shape (parameter, parameter)
-        F in SI.
-    eigenvalues : ndarray, shape (parameter,)
-        Of F̃, falling.
-    eigenvectors : ndarray, shape (parameter, parameter)
-        Columns: the combinations, in prior standard deviations.
-    cramer_rao_sd : ndarray, shape (parameter,)
-        √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone.
-    prior_sd : ndarray, shape (parameter,)
-        In SI.
     """
 
-    names: tuple[str, ...]
-    fisher: Float[np.ndarray, "parameter parameter"] = field(repr=False)
-    eigenvalues: Float[np.ndarray, " parameter"]
+    names: tuple[str, ...]  # Parameters
+    fisher: Float[np.ndarray, "parameter parameter"] = field(repr=False)  # F in SI
+    eigenvalues: Float[np.ndarray, " parameter"]  # Of F̃, falling
+    # Columns: the combinations, in prior standard deviations
     eigenvectors: Float[np.ndarray, "parameter parameter"] = field(repr=False)
+    # √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone
     cramer_rao_sd: Float[np.ndarray, " parameter"]
-    prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)
+    prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)  # In SI
 
     @property
     def unseen(self) -> list[str]:
@@ -55,18 +42,7 @@ class Identifiability:
         return [self.combination(i) for i in range(len(self.names)) if self.eigenvalues[i] < SEEN]
 
     def combination(self, index: int) -> str:
-        """One eigenvector in words.
-
-        Parameters
-        ----------
-        index : int
-            Which one, counted from the best determined.
-
-        Returns
-        -------
-        str
-            Such as ``"0.98 beta − 0.20 alpha"``, in prior standard deviations; a name alone where it is of one parameter.
-        """
+        """One eigenvector in words."""
         vector = self.eigenvectors[:, index]
         vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.1]
@@ -77,25 +53,7 @@ class Identifiability:
 
 
 def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> Identifiability:
-    """Fisher information at a point, by exact sensitivities.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of a model with derivatives.
-    theta : ndarray, shape (parameter,)
-        The point in SI, such as the MAP estimate; the discrepancy's parameters are held there.
-
-    Returns
-    -------
-    Identifiability
-        Over the model's parameters and the nuisances.
-
-    Raises
-    ------
-    InputError
-        If the model has no derivatives.
-    """
+    """Fisher information at a point, by exact sensitivities."""
     as_traceable(posterior.model, "identifiability", "a built-in model")
     own = posterior.likelihood.discrepancy_names
     kept = [i for i, name in enumerate(posterior.names) if name not in own]

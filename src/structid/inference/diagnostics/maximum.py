@@ -14,22 +14,7 @@ from structid.probability.space import ParameterSpace
 def maximum(
     target: Target, draws: Float[np.ndarray, "draw parameter"], log_density: Float[np.ndarray, " draw"]
 ) -> Float[np.ndarray, " parameter"]:
-    """Search for the maximum of a density from the best of its draws.
-
-    Parameters
-    ----------
-    target : Target
-        What was sampled.
-    draws : ndarray, shape (draw, parameter)
-        In SI.
-    log_density : ndarray, shape (draw,)
-        There, with respect to the parameters.
-
-    Returns
-    -------
-    ndarray, shape (parameter,)
-        In SI.
-    """
+    """Search for the maximum of a density from the best of its draws."""
     best = draws[int(np.argmax(log_density))]
     sd = np.maximum(draws.std(axis=0), 1e-12 * np.maximum(np.abs(draws.mean(axis=0)), 1e-300))
     bounds = target.bijection.bounds

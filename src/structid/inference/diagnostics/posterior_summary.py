@@ -16,23 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ErrorSD:
-    """Standard deviation of the errors of a channel, in its display unit.
+    """Standard deviation of the errors of a channel, in its display unit."""
 
-    Parameters
-    ----------
-    variance : str
-        Name of its square among the parameters.
-    unit : str
-        Display unit.
-    low, median, high : float
-        Quantiles at 5, 50 and 95 %.
-    """
-
-    variance: str
-    unit: str
-    low: float
-    median: float
-    high: float
+    variance: str  # Name of its square among the parameters
+    unit: str  # Display unit
+    low: float  # Quantiles at 5, 50 and 95 %
+    median: float  # Quantiles at 5, 50 and 95 %
+    high: float  # Quantiles at 5, 50 and 95 %
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
@@ -41,55 +31,25 @@ class ErrorSD:
 
 @dataclass(frozen=True)
 class Summary(ShownAsText):
-    """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units.
+    """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units."""
 
-    Parameters
-    ----------
-    names, units : tuple of str
-        Parameters and their display units.
-    columns : dict of str to ndarray, shape (parameter,)
-        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
-        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
-    sd_units : dict of str to str
-        Display unit of the standard deviation that belongs to each variance of the errors, by the name of the variance.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...]  # Parameters and their display units
+    units: tuple[str, ...]  # Parameters and their display units
+    # ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
+    # ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``
     columns: dict[str, np.ndarray]
+    # Display unit of the standard deviation that belongs to each variance of the errors, by the name of the variance
     sd_units: dict[str, str] = field(default_factory=dict)
 
     def of(self, places: list[int]) -> Summary:
-        """Select some of the parameters.
-
-        Parameters
-        ----------
-        places : list of int
-            Which rows.
-
-        Returns
-        -------
-        Summary
-            Of these alone.
-        """
+        """Select some of the parameters."""
         columns = {key: column[places] for key, column in self.columns.items()}
         names, units = (tuple(column[i] for i in places) for column in (self.names, self.units))
         sds = {name: unit for name, unit in self.sd_units.items() if name in names}
         return replace(self, names=names, units=units, columns=columns, sd_units=sds)
 
     def row(self, name: str) -> dict[str, float]:
-        """One parameter's figures.
-
-        Parameters
-        ----------
-        name : str
-            The parameter.
-
-        Returns
-        -------
-        dict of str to float
-            By column.
-        """
+        """One parameter's figures."""
         index = self.names.index(name)
         return {column: float(values[index]) for column, values in self.columns.items()}
 
@@ -105,13 +65,7 @@ class Summary(ShownAsText):
         return found
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Give the table as pandas has it.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row for each parameter, in display units, which are in the column ``unit``.
-        """
+        """Give the table as pandas has it."""
         import pandas
 
         return pandas.DataFrame({"unit": list(self.units), **self.columns}, index=list(self.names))

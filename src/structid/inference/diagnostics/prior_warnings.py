@@ -20,35 +20,14 @@ AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
 
 
 class PriorWarning(NamedTuple):
-    """A parameter of which prior and data disagree.
+    """A parameter of which prior and data disagree."""
 
-    Parameters
-    ----------
-    said : str
-        Where they do.
-    cure : str
-        What to do about it, as a sentence; empty where it may be well.
-    """
-
-    said: str
-    cure: str
+    said: str  # Where they do
+    cure: str  # What to do about it, as a sentence; empty where it may be well
 
 
 def prior_warnings(space: ParameterSpace, draws_of_all: Float[np.ndarray, "draw parameter"]) -> list[PriorWarning]:
-    """Say where prior and data disagree.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The priors.
-    draws_of_all : ndarray, shape (draw, parameter)
-        Of the posterior, in SI.
-
-    Returns
-    -------
-    list of PriorWarning
-        One for each parameter of which they disagree.
-    """
+    """Say where prior and data disagree."""
     found = []
     for i, (name, marginal) in enumerate(space.marginals.items()):
         draws, on_bound = draws_of_all[:, i], False

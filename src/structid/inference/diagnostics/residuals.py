@@ -27,27 +27,13 @@ MUCH_WIDER = 1.5
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
-    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ being the covariance of ε: independent unit normals where model and law are right.
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ being the covariance of ε: independent unit normals where model and law are right."""
 
-    Parameters
-    ----------
-    channel : str
-        What was measured.
-    record : str
-        On which record.
-    dt : float
-        Time step [s].
-    values : ndarray, shape (time,)
-        The residual, a pure number.
-    observation : int
-        Of which observation, from 0.
-    """
-
-    channel: str
-    record: str
-    dt: float
-    values: Float[np.ndarray, " time"] = field(repr=False)
-    observation: int = 0
+    channel: str  # What was measured
+    record: str  # On which record
+    dt: float  # Time step [s]
+    values: Float[np.ndarray, " time"] = field(repr=False)  # The residual, a pure number
+    observation: int = 0  # Of which observation, from 0
 
     @property
     def autocorrelation(self) -> np.ndarray:
@@ -89,20 +75,7 @@ class WhitenedResidual:
 
 
 def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> tuple[WhitenedResidual, ...]:
-    """Whiten what a prediction leaves.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model, measurements and discrepancy.
-    theta : ndarray, shape (parameter,)
-        A point in SI, such as the MAP estimate.
-
-    Returns
-    -------
-    tuple of WhitenedResidual
-        One for each measured channel; none where the run at that point fails.
-    """
+    """Whiten what a prediction leaves."""
     found = []
     for index, observation in enumerate(posterior.observations):
         residual = observation.in_sds(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
@@ -119,22 +92,7 @@ def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " paramete
 def residual_warnings(
     residuals: tuple[WhitenedResidual, ...], law: ErrorLaw, too_small_by: Mapping[str, float] | None
 ) -> list[str]:
-    """Say which residuals the law of the discrepancy does not describe.
-
-    Parameters
-    ----------
-    residuals : tuple of WhitenedResidual
-        At the MAP estimate.
-    law : ErrorLaw
-        The law that was assumed.
-    too_small_by : mapping of str to float, or None
-        Ratio of robust to posterior standard deviation of the model's parameters; None where it is not known.
-
-    Returns
-    -------
-    list of str
-        One sentence for all residuals that are correlated; none where the law describes them.
-    """
+    """Say which residuals the law of the discrepancy does not describe."""
     added = law.added
     assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
     if law.inside:

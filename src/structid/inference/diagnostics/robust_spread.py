@@ -18,17 +18,10 @@ KEPT = 1.0 - 0.75 * LONG_RUN_SHARE
 
 @dataclass(frozen=True, eq=False)
 class RobustSpread:
-    """How the posterior means would vary over measurements.
+    """How the posterior means would vary over measurements."""
 
-    Parameters
-    ----------
-    sd : ndarray, shape (parameter,)
-        Standard deviations in SI.
-    error : ndarray, shape (parameter,)
-        Their own standard errors, as shares of them; 0 where they are the posterior's.
-    """
-
-    sd: Float[np.ndarray, " parameter"] = field(repr=False)
+    sd: Float[np.ndarray, " parameter"] = field(repr=False)  # Standard deviations in SI
+    # Their own standard errors, as shares of them; 0 where they are the posterior's
     error: Float[np.ndarray, " parameter"] = field(repr=False)
 
     @property
@@ -37,18 +30,7 @@ class RobustSpread:
         return not self.error.any()
 
     def at_least(self, sd: Float[np.ndarray, " parameter"]) -> RobustSpread:
-        """Leave no standard deviation below the posterior's own: it is part of what is not known.
-
-        Parameters
-        ----------
-        sd : ndarray, shape (parameter,)
-            The posterior's, in SI.
-
-        Returns
-        -------
-        RobustSpread
-            With the larger of the two.
-        """
+        """Leave no standard deviation below the posterior's own: it is part of what is not known."""
         wider = self.sd > sd
         return RobustSpread(np.where(wider, self.sd, sd), np.where(wider, self.error, 0.0))
 
@@ -66,18 +48,6 @@ def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter
 
     with the window's Toeplitz matrix W and C that takes means away; it should be Σa², and is made so. Its own standard error as
     a share is ½ √(2 tr B²)/tr B, where P is left out of B².
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What was sampled.
-    draws : ndarray, shape (draw, parameter)
-        Draws of it in SI; the model is run at each.
-
-    Returns
-    -------
-    RobustSpread
-        For every parameter. Those of the law of the errors have no a, and are as they come.
     """
     found = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
     # One basis of what the parameters can follow, over all observations.
@@ -125,19 +95,7 @@ def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.nda
 
 
 def long_run_covariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "quantity quantity"]:
-    """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987; it is never negative).
-
-    Parameters
-    ----------
-    series : ndarray, shape (time, quantity)
-        The terms.
-
-    Returns
-    -------
-    ndarray, shape (quantity, quantity)
-        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly, as the structure does. What the
-        window misses because the terms are taken about their own mean, 3/4 K/T, is put back.
-    """
+    """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987), never negative."""
     count = series.shape[1]
     centred = series - series.mean(axis=0)
     found = centred.T @ _toeplitz(_lag_window(len(series)), centred)
@@ -145,18 +103,7 @@ def long_run_covariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.
 
 
 def parzen(x: np.ndarray) -> np.ndarray:
-    """Parzen's lag window.
-
-    Parameters
-    ----------
-    x : ndarray
-        Lag over the width, 0 or more.
-
-    Returns
-    -------
-    ndarray
-        1 at zero, 0 from 1 on.
-    """
+    """Parzen's lag window."""
     return np.where(x <= 0.5, 1.0 - 6.0 * x**2 + 6.0 * x**3, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
 
 

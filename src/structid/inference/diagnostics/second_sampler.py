@@ -52,36 +52,25 @@ LONGEST = 16
 
 @dataclass(frozen=True, eq=False)
 class Representation(ShownAsText):
-    """Two explorers of one density, side by side.
+    """Two explorers of one density, side by side."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters, or their logarithms; see `Target.compared`.
-    modes : ndarray, shape (mode, parameter)
-        Local maxima in SI, of the density with respect to unconstrained coordinates.
-    shares, shares_again : ndarray, shape (mode,)
-        Share of the draws that is nearest to each mode, by the first explorer and by the second.
-    mean_gap, mean_error : ndarray, shape (parameter,)
-        How far apart the means are, in standard deviations, and the standard error of that.
-    sd_gap, sd_error : ndarray, shape (parameter,)
-        How much larger the second explorer's standard deviations are, as a share, and the standard error of that.
-    evidence_gap : float
-        log Z of the second explorer less that of the first; NaN where the first knows none.
-    failures : tuple of str
-        In what they disagree, one sentence each.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Parameters, or their logarithms; see `Target.compared`
+    # Local maxima in SI, of the density with respect to unconstrained coordinates
     modes: Float[np.ndarray, "mode parameter"]
+    # Share of the draws that is nearest to each mode, by the first explorer and by the second
     shares: Float[np.ndarray, " mode"]
+    # Share of the draws that is nearest to each mode, by the first explorer and by the second
     shares_again: Float[np.ndarray, " mode"]
+    # How far apart the means are, in standard deviations, and the standard error of that
     mean_gap: Float[np.ndarray, " parameter"]
+    # How far apart the means are, in standard deviations, and the standard error of that
     mean_error: Float[np.ndarray, " parameter"]
+    # How much larger the second explorer's standard deviations are, as a share, and the standard error of that
     sd_gap: Float[np.ndarray, " parameter"]
+    # How much larger the second explorer's standard deviations are, as a share, and the standard error of that
     sd_error: Float[np.ndarray, " parameter"]
-    evidence_gap: float
-    failures: tuple[str, ...]
+    evidence_gap: float  # log Z of the second explorer less that of the first; NaN where the first knows none
+    failures: tuple[str, ...]  # In what they disagree, one sentence each
 
     @property
     def agreed(self) -> bool:
@@ -89,29 +78,12 @@ class Representation(ShownAsText):
         return not self.failures
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give it as arrays, for a journal.
-
-        Returns
-        -------
-        dict of str to ndarray
-            One of each attribute.
-        """
+        """Give it as arrays, for a journal."""
         return {field.name: np.array(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def of(cls, entry: Mapping[str, np.ndarray]) -> Representation:
-        """Read what `to_entry` gave.
-
-        Parameters
-        ----------
-        entry : mapping of str to ndarray
-            From a journal.
-
-        Returns
-        -------
-        Representation
-            The same.
-        """
+        """Read what `to_entry` gave."""
         read: dict[str, Any] = dict(entry)
         words = {name: tuple(str(word) for word in read[name]) for name in ("names", "failures")}
         return cls(**read | words | {"evidence_gap": float(read["evidence_gap"])})
@@ -139,30 +111,7 @@ def represented(
     evidence: Evidence | None = None,
     longest: int = LONGEST,
 ) -> Representation:
-    """Explore a target a second time, and compare draws with what is found.
-
-    Parameters
-    ----------
-    target : Target
-        What they are draws of; its density must be cheap, such as that of a posterior under a surrogate.
-    draws : ndarray, shape (step, ensemble, walker, parameter)
-        In SI.
-    known : ndarray, shape (point, parameter)
-        Further points to search for modes from, in SI.
-    seed : int
-        Seed.
-    explorer : SMC
-        Settings of the second explorer.
-    evidence : Evidence, optional
-        log Z by the first one.
-    longest : int
-        Times as many steps it takes once more where it disagrees; 1 lets it be.
-
-    Returns
-    -------
-    Representation
-        Where they agree and where not.
-    """
+    """Explore a target a second time, and compare draws with what is found."""
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
     some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
     density = target.evaluate(some)[0]

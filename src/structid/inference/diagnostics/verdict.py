@@ -109,22 +109,7 @@ class Verdict(ShownAsText):
 def convergence_failures(
     parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int, needed_length: float
 ) -> list[str]:
-    """What speaks against convergence.
-
-    Parameters
-    ----------
-    parameters : dict of str to ParameterDiagnostics
-        The figures.
-    kept_steps, ensembles, stuck : int
-        Kept steps, independent ensembles, stuck walkers.
-    needed_length : float
-        Number of autocorrelation times that the kept steps of a converged run must span.
-
-    Returns
-    -------
-    list of str
-        A sentence for each failure; empty if converged.
-    """
+    """What speaks against convergence."""
     failures: list[str] = []
     if ensembles < 2:
         failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
@@ -156,22 +141,7 @@ def unrest(
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     log_density: Float[np.ndarray, "step ensemble walker"],
 ) -> list[str]:
-    """Say that particles which were drawn from the prior have not come to rest.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The parameters.
-    draws : ndarray, shape (step, ensemble, walker, parameter)
-        Kept draws.
-    log_density : ndarray, shape (step, ensemble, walker)
-        Log density there.
-
-    Returns
-    -------
-    list of str
-        A sentence for the quantity that moves most; empty where all are at rest.
-    """
+    """Say that particles which were drawn from the prior have not come to rest."""
     moving = still_moving(np.concatenate([draws, log_density[..., None]], axis=-1))
     if not moving:
         return []
@@ -191,18 +161,6 @@ def disagreements(
     """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
 
     A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The parameters.
-    draws, beside : ndarray, shape (step, ensemble, walker, parameter)
-        Kept draws of both.
-
-    Returns
-    -------
-    list of str
-        A sentence for the quantity in which they differ most, if it is by more than five standard errors; else empty.
     """
     found = []
     for place, name in enumerate(names):

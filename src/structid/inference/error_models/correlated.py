@@ -50,17 +50,10 @@ class Correlated(Discrepancy):
 
     Every parameter is known (a number), has a prior (a Marginal), or is left out. If left out, a variance has the prior
     U(0, max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
-
-    Parameters
-    ----------
-    variance : float, Marginal or None
-        σ² of the correlated part, in the square of the channel's SI unit.
-    white : float, Marginal or None
-        Variance of the white part.
     """
 
-    variance: float | Marginal | None = None
-    white: float | Marginal | None = None
+    variance: float | Marginal | None = None  # σ² of the correlated part, in the square of the channel's SI unit
+    white: float | Marginal | None = None  # Variance of the white part
 
     kind: ClassVar[str] = "correlated"
 
@@ -96,24 +89,7 @@ class Correlated(Discrepancy):
     def parameters(
         self, values: Float[np.ndarray, "time channel"], channels: tuple[str, ...], dt: float, units: tuple[str, ...]
     ) -> dict[str, Marginal]:
-        """Unknown parameters and their priors; see `Discrepancy.parameters`.
-
-        Parameters
-        ----------
-        values : ndarray, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Names of its channels.
-        dt : float
-            Its time step [s].
-        units : tuple of str
-            SI unit of each channel, empty where it is not known.
-
-        Returns
-        -------
-        dict of str to Marginal
-            ``sigma2``, ``white``, and the kernel's, with ``_<channel>`` where there are several channels.
-        """
+        """Unknown parameters and their priors; see `Discrepancy.parameters`."""
         priors: dict[str, Marginal] = {}
         for i, (channel, unit) in enumerate(zip(channels, units, strict=True)):
             peak = float(np.abs(values[:, i]).max())
@@ -223,50 +199,12 @@ class Correlated(Discrepancy):
         dt: float,
         white: Any = 0.0,
     ) -> Float[Array, " run"]:
-        """Log density of the whole residual; see `Discrepancy.log_likelihood`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown parameters.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-        white : jax.Array (channel, run) or float
-            Further variance of independent errors, such as a surrogate's.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
-        """
+        """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
         fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, residual.shape[0], white)
         return fold.of(residual)
 
     def fold(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int) -> Fold:
-        """Give the log density as a fold over samples; see `Discrepancy.fold`.
-
-        Parameters
-        ----------
-        unknown : mapping of str to jax.Array (run,)
-            The unknown parameters.
-        channels : tuple of str
-            Names of the channels.
-        runs : int
-            How many.
-        dt : float
-            Time step [s].
-        samples : int
-            Length of the residual.
-
-        Returns
-        -------
-        Fold
-            Of samples (channel, run) to Σ −½ log(2πS) − v²/(2S), shape (run,).
-        """
+        """Give the log density as a fold over samples; see `Discrepancy.fold`."""
         return self._folded(unknown, channels, runs, dt, samples)
 
     def _folded(
@@ -300,24 +238,7 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[Array, "time channel run"]:
-        """Log density of every value given those before it; see `Discrepancy.pointwise`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown parameters.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        jax.Array, shape (time, channel, run)
-            −½ log(2πS) − v²/(2S).
-        """
+        """Log density of every value given those before it; see `Discrepancy.pointwise`."""
         error, precision = self._innovations(residual, unknown, channels, dt)
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
@@ -328,24 +249,7 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[Array, "time channel run"]:
-        """Innovations over their standard deviation; see `Discrepancy.whiten`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction, or a sensitivity.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown parameters.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        jax.Array, shape (time, channel, run)
-            L⁻¹ r.
-        """
+        """Innovations over their standard deviation; see `Discrepancy.whiten`."""
         error, precision = self._innovations(residual, unknown, channels, dt)
         return error * jnp.sqrt(precision)
 
@@ -357,26 +261,7 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw ε; see `Discrepancy.draw`.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-        shape : tuple of int
-            (run, time, channel).
-        unknown : mapping of str to ndarray (run,)
-            The unknown parameters.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            ε in SI.
-        """
+        """Draw ε; see `Discrepancy.draw`."""
         runs, samples, _ = shape
         transition, noise, stationary, white = self._system(unknown, channels, runs, dt, np)
         size = range(len(stationary))
@@ -393,13 +278,7 @@ class Correlated(Discrepancy):
         return found.transpose(2, 0, 1)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind and what was given for each parameter.
-
-        Returns
-        -------
-        dict
-            For hashes and reports.
-        """
+        """Return the kind and what was given for each parameter."""
         said: dict[str, Any] = {"kind": self.kind}
         for name in ("variance", "white", *self._shapes()):
             value = getattr(self, name)

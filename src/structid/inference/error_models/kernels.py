@@ -24,17 +24,9 @@ def _spanning(low: float, high: float, unit: str) -> Marginal:
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedInTime(Correlated):
-    """Laws whose kernel has one parameter besides its variance, a correlation time.
+    """Laws whose kernel has one parameter besides its variance, a correlation time."""
 
-    Parameters
-    ----------
-    variance, white : float, Marginal or None
-        As for `Correlated`.
-    correlation_time : float, Marginal or None
-        ℓ [s].
-    """
-
-    correlation_time: float | Marginal | None = None
+    correlation_time: float | Marginal | None = None  # ℓ [s]
 
     @classmethod
     def _shapes(cls) -> tuple[str, ...]:

@@ -13,17 +13,7 @@ from structid.inference.likelihood.observation_likelihood import BoundLikelihood
 
 
 class GivenResponses:
-    """A posterior whose model has been run already.
-
-    Parameters
-    ----------
-    likelihood : JointLikelihood
-        With prior, model and measurements.
-    responses : sequence of ndarray, shape (run, time, channel)
-        The model's response to the record of each observation; NaN where it failed.
-    compiled : sequence of callable
-        `BoundLikelihood.given` of each observation, compiled.
-    """
+    """A posterior whose model has been run already."""
 
     def __init__(
         self, likelihood: JointLikelihood, responses: Sequence[np.ndarray], compiled: Sequence[Callable[..., Any]]
@@ -37,18 +27,7 @@ class GivenResponses:
         self._given = compiled
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Log posterior density.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI, a row for each run.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            −inf outside the support and where a response is not finite.
-        """
+        """Log posterior density."""
         theta = self._likelihood.points(theta)
         total = self._likelihood.space.log_density(theta)
         for bound, given, response, squares in zip(

@@ -30,28 +30,6 @@ class JointLikelihood:
     θ are the model's parameters, then nuisances and discrepancy parameters of each observation. Where there are several
     observations, these are numbered ``_1``, ``_2``, …. Errors inside the model belong to a test: observations of other
     channels on the same record share them, with the number of the first of them.
-
-    Parameters
-    ----------
-    model_space : ParameterSpace
-        The model's parameters and their priors.
-    model : Model
-        The model.
-    observations : tuple of Observation
-        What was measured.
-    law : ErrorLaw
-        What may be wrong between model and measurement.
-    map : callable or None
-        Does several runs of an external solver at a time, like ``Executor.map``.
-    model_error : bool
-        Whether a surrogate's own variance is added to that of the discrepancy.
-
-    Attributes
-    ----------
-    space : ParameterSpace
-        All parameters and their priors.
-    of : tuple of BoundLikelihood
-        Of each observation.
     """
 
     def __init__(
@@ -125,41 +103,13 @@ class JointLikelihood:
         )
 
     def model_parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
-        """Columns of the model's free parameters.
-
-        Parameters
-        ----------
-        theta : array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        array, shape (run, free parameter)
-            In the model's order.
-        """
+        """Columns of the model's free parameters."""
         return self.space.columns(theta, self.model.free)
 
     def on_record(
         self, theta: Float[np.ndarray, "run parameter"], record: Excitation, rng: np.random.Generator, index: int | None
     ) -> tuple[Model, np.ndarray]:
-        """Model and parameters that respond to a record, the errors inside the model with them.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            All parameters.
-        record : Excitation
-            A measured one, or another one, for which hidden values are drawn from their priors.
-        rng : numpy.random.Generator
-            Source of these draws.
-        index : int or None
-            Which observation has that record; None for another one.
-
-        Returns
-        -------
-        tuple of Model, ndarray (run, free parameter)
-            The model and its parameters.
-        """
+        """Model and parameters that respond to a record, the errors inside the model with them."""
         if index is not None:
             return self.of[index].model, np.asarray(self.of[index].parameters(theta))
         model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
@@ -170,23 +120,7 @@ class JointLikelihood:
         return model, np.concatenate([known, drawn], axis=1)
 
     def points(self, theta: np.ndarray) -> Float[np.ndarray, "run parameter"]:
-        """Check an array of parameters.
-
-        Parameters
-        ----------
-        theta : array-like, shape (run, parameter) or (parameter,)
-            Parameters in SI.
-
-        Returns
-        -------
-        ndarray, shape (run, parameter)
-            The same.
-
-        Raises
-        ------
-        InputError
-            If it has other columns.
-        """
+        """Check an array of parameters."""
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         if theta.shape[1] != self.space.dimension:
             raise InputError(
@@ -207,20 +141,7 @@ class JointLikelihood:
         return tuple(bound.measured for bound in self.of)
 
     def traced(self, theta: Float[Array, "run parameter"], data: Sequence[Measured]) -> tuple[Any, Any]:
-        """Log-likelihood and success of every run, inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in SI.
-        data : sequence of Measured
-            Of each observation: `measured`, or other measurements.
-
-        Returns
-        -------
-        tuple of jax.Array, shape (run,)
-            Log-likelihood, and whether it is finite.
-        """
+        """Log-likelihood and success of every run, inside JAX."""
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
         for numbers in self.of_one_run:
             more, good = log_likelihood_of([self.of[k] for k in numbers], theta, [data[k] for k in numbers])
@@ -238,22 +159,7 @@ class JointLikelihood:
         inside: Bool[np.ndarray, " run"],
         values: Sequence[np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-likelihood and failure of every run of a model that is not a JAX function.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-        inside : ndarray of bool, shape (run,)
-            Runs to be done: those inside the support of the prior.
-        values : sequence of ndarray, shape (time, channel, run), optional
-            Measurements to use instead of each observation's own, one for each run.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log-likelihood, −inf where it cannot be computed; and which runs failed.
-        """
+        """Log-likelihood and failure of every run of a model that is not a JAX function."""
         likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
         rows = np.flatnonzero(inside)
         if rows.size == 0:
@@ -274,22 +180,7 @@ class JointLikelihood:
     def predict(
         self, theta: Float[np.ndarray, "run parameter"], index: int, progress: Progress | None = None
     ) -> Float[np.ndarray, "run time channel"]:
-        """Prediction of one observation, including the instrument, without discrepancy.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-        index : int
-            Which observation.
-        progress : callable, optional
-            Called with the number of finished runs and the total.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI; NaN where a run failed.
-        """
+        """Prediction of one observation, including the instrument, without discrepancy."""
         theta, bound = self.points(theta), self.of[index]
         run = bound.model.simulate(
             np.asarray(bound.parameters(theta)), bound.observation.record, progress=progress, map=self._map

@@ -152,18 +152,7 @@ class Misfit:
         }
 
     def __call__(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Misfit.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            The model's parameters in SI.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            J; +inf where the simulation failed.
-        """
+        """Misfit."""
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         if self.differentiable:
             (value,) = in_batches(self._compiled["value"], theta, self._likelihood.measured)

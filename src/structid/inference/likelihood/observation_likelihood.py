@@ -31,36 +31,16 @@ from structid.probability.truncation import Marginal
 
 @dataclass(frozen=True)
 class Measured:
-    """What a traced likelihood takes from an observation: arguments of the compiled density, not constants in it.
+    """What a traced likelihood takes from an observation: arguments of the compiled density, not constants in it."""
 
-    Parameters
-    ----------
-    excitation : TracedExcitation
-        What drove the structure.
-    values : array, shape (time, channel or 2 × channel, measurement or run)
-        What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the measurement
-        and 1 in units of them.
-    shortcut : Shortcut or None
-        A shorter way to the likelihood than through the response.
-    """
-
-    excitation: TracedExcitation
+    excitation: TracedExcitation  # What drove the structure
+    # What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the
+    # measurement and 1 in units of them
     values: Any
-    shortcut: Shortcut | None
+    shortcut: Shortcut | None  # A shorter way to the likelihood than through the response
 
     def for_runs(self, measurement: Int[Array, " run"]) -> Measured:
-        """Give each run a measurement of its own.
-
-        Parameters
-        ----------
-        measurement : jax.Array of int, shape (run,)
-            Which one.
-
-        Returns
-        -------
-        Measured
-            Of as many measurements as there are runs.
-        """
+        """Give each run a measurement of its own."""
         shortcut = None if self.shortcut is None else self.shortcut.for_runs(measurement)
         return Measured(self.excitation, self.values[:, :, measurement], shortcut)
 
@@ -69,20 +49,7 @@ jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", 
 
 
 def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
-    """Priors of the parameters that an observation has besides the model's.
-
-    Parameters
-    ----------
-    observation : Observation
-        With its nuisances.
-    law : ErrorLaw
-        With its parameters.
-
-    Returns
-    -------
-    dict of str to Marginal
-        By plain names, the nuisances first.
-    """
+    """Priors of the parameters that an observation has besides the model's."""
     record = observation.record
     values = observation.in_sds(observation.values)
     added = law.added.parameters(values, observation.channels, record.dt, observation.error_units)
@@ -90,23 +57,7 @@ def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
 
 
 class BoundLikelihood:
-    """log L(y | θ) of one observation under one model.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    observation : Observation
-        Record, values and nuisances.
-    discrepancy : Discrepancy
-        The law of the difference between model and measurement.
-    space : ParameterSpace
-        All parameters θ.
-    own : mapping of str to str
-        Names in θ of the observation's own parameters, by plain name; see `own_priors`.
-    model_error : bool
-        Whether a surrogate's own variance is added to that of the discrepancy.
-    """
+    """log L(y | θ) of one observation under one model."""
 
     def __init__(
         self,
@@ -128,69 +79,21 @@ class BoundLikelihood:
     # --- pieces -------------------------------------------------------------------------------------------------
 
     def unknowns(self, theta: Float[Array, "run parameter"]) -> dict[str, Any]:
-        """Nuisances and parameters of the discrepancy.
-
-        Parameters
-        ----------
-        theta : array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        dict of str to array (run,)
-            By their plain names.
-        """
+        """Nuisances and parameters of the discrepancy."""
         return {name: theta[:, column] for name, column in self._columns.items()}
 
     def parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
-        """Columns of the model's free parameters.
-
-        Parameters
-        ----------
-        theta : array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        array, shape (run, free parameter)
-            In the model's order.
-        """
+        """Columns of the model's free parameters."""
         return self._space.columns(theta, self.free)
 
     def response(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Response of the model, inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-        measured : Measured
-            With the record.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Values (time, model channel, run), and whether they are finite (run,).
-        """
+        """Response of the model, inside JAX."""
         return self._traceable.response(self.parameters(theta), measured.excitation)
 
     def shown(
         self, response: Float[Array, "*time channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, "*time shown_channel run"]:
-        """Turn a model's response into what the instruments would show, inside JAX.
-
-        Parameters
-        ----------
-        response : jax.Array, shape (time, model channel, run) or (model channel, run)
-            The model's response, whole or at one sample.
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        jax.Array, shape (time, channel, run) or (channel, run)
-            The measured channels, nuisances applied.
-        """
+        """Turn a model's response into what the instruments would show, inside JAX."""
         if self.model.channels != self.channels:
             response = jnp.stack([response[..., place, :] for place in self._places], axis=-2)
         return self.observation.transmit(response, self.unknowns(theta))
@@ -198,56 +101,19 @@ class BoundLikelihood:
     def given(
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
     ) -> Float[Array, " run"]:
-        """Log-likelihood of responses computed beforehand, inside JAX.
-
-        Parameters
-        ----------
-        response : jax.Array, shape (time, model channel, run)
-            The model's response.
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-        values : array, as of `Measured`
-            What was measured, the same for all runs or each its own; see `compared`.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            The discrepancy's log density of the residuals.
-        """
+        """Log-likelihood of responses computed beforehand, inside JAX."""
         residual = self.residual(theta)(response, values)
         found = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
         return self._in_si(found)
 
     def compared(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
-        """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them.
-
-        Parameters
-        ----------
-        values : ndarray, shape (time, channel, measurement)
-            One or several measurements in SI.
-
-        Returns
-        -------
-        ndarray, shape (time, channel or 2 × channel, measurement)
-            For `given` and `traced`.
-        """
+        """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them."""
         if self.observation.sd is None:
             return values
         return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
 
     def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
-        """Give the function from response and measurement to their difference, in known standard deviations.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        callable
-            ``residual(response, values)``, both whole, or both at one sample; see `compared`.
-        """
+        """Give the function from response and measurement to their difference, in known standard deviations."""
         if self.observation.sd is None:
             return lambda response, values: values - self.shown(response, theta)
         count = len(self.channels)
@@ -260,20 +126,7 @@ class BoundLikelihood:
     def of_squares(
         self, squares: Float[Array, "channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, " run"]:
-        """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more.
-
-        Parameters
-        ----------
-        squares : array, shape (channel, run)
-            Σ (y − M)² over time, in known standard deviations.
-        theta : array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            The discrepancy's log density.
-        """
+        """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more."""
         samples = len(self.observation.values)
         found = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
         return self._in_si(found)
@@ -291,37 +144,13 @@ class BoundLikelihood:
         return self.measured_as(self.observation.values[:, :, None])
 
     def measured_as(self, values: Float[np.ndarray, "time channel measurement"]) -> Measured:
-        """Use other measurements instead of the observation's.
-
-        Parameters
-        ----------
-        values : ndarray, shape (time, channel, measurement)
-            One or several.
-
-        Returns
-        -------
-        Measured
-            For `traced`.
-        """
+        """Use other measurements instead of the observation's."""
         model, record = self._traceable, self.observation.record
         shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
         return Measured(model.traced(record), self.compared(values), shortcut)
 
     def traced(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Log-likelihood and success of every run, inside JAX, by the shortest way.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-        measured : Measured
-            Record and measurements.
-
-        Returns
-        -------
-        tuple of jax.Array, shape (run,)
-            Log-likelihood, and whether the response is finite.
-        """
+        """Log-likelihood and success of every run, inside JAX, by the shortest way."""
         if self._model_error:
             return self._with_model_error(theta, measured)
         if self.discrepancy.independent:
@@ -335,71 +164,21 @@ class BoundLikelihood:
         return self.of_fold(found, theta), finite
 
     def fold(self, theta: Float[Array, "run parameter"], samples: int) -> Fold | None:
-        """What becomes of the residuals, sample by sample.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-        samples : int
-            How many there are.
-
-        Returns
-        -------
-        Fold or None
-            For `of_fold`; None where the discrepancy needs the whole history.
-        """
+        """What becomes of the residuals, sample by sample."""
         if self.discrepancy.independent:
             return self.sum_of_squares(theta.shape[0])
         return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, samples)
 
     def sum_of_squares(self, runs: int) -> Fold:
-        """Σ (y − M)² of every channel.
-
-        Parameters
-        ----------
-        runs : int
-            How many there are.
-
-        Returns
-        -------
-        Fold
-            With the value (channel, run).
-        """
+        """Σ (y − M)² of every channel."""
         return sum_of_squares(jnp.zeros((len(self.channels), runs)))
 
     def of_fold(self, value: Any, theta: Float[Array, "run parameter"]) -> Float[Array, " run"]:
-        """Log-likelihood from what `fold` gives, inside JAX.
-
-        Parameters
-        ----------
-        value : Any
-            The value of the fold.
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            The discrepancy's log density.
-        """
+        """Log-likelihood from what `fold` gives, inside JAX."""
         return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
 
     def squares(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Sum of squared residuals over time, inside JAX, by the shortest way.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            All parameters.
-        measured : Measured
-            Record and measurements.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Σ (y − M)² (channel, run), and whether the response is finite (run,).
-        """
+        """Sum of squared residuals over time, inside JAX, by the shortest way."""
         parameters = self.parameters(theta)
         if measured.shortcut is not None and not self.observation.nuisances():
             return measured.shortcut.squares(parameters)
@@ -422,20 +201,7 @@ class BoundLikelihood:
         return not self._model_error and self.observation.time_shift is None
 
     def loop(self, parameters: Float[Array, "run free_parameter"], measured: Measured) -> TimeLoop | None:
-        """The loop over time that gives the response sample by sample.
-
-        Parameters
-        ----------
-        parameters : jax.Array, shape (run, free parameter)
-            Of the model.
-        measured : Measured
-            With the record.
-
-        Returns
-        -------
-        TimeLoop or None
-            None where the response is wanted whole, or is no loop.
-        """
+        """The loop over time that gives the response sample by sample."""
         if self.observation.time_shift is not None:
             return None
         return self._traceable.time_loop(parameters, measured.excitation)
@@ -471,23 +237,7 @@ class BoundLikelihood:
         run: Histories,
         values: Float[np.ndarray, "time channel _"] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-likelihood and failure of every run of a model that is not a JAX function.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            All parameters.
-        run : Histories
-            What the model responded at them.
-        values : ndarray, shape (time, channel, 1 or run), optional
-            Measurements to use instead of the observation's.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log-likelihood, −inf where the response does not reach the end; and which runs failed. A run in which the structure
-            failed is not among them: parameters that let it collapse are impossible, and that is an answer.
-        """
+        """Log-likelihood and failure of every run of a model that is not a JAX function."""
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
         found = np.asarray(self.given(response, theta, self.compared(values)))

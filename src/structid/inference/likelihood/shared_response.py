@@ -17,18 +17,7 @@ from structid.observation import Observation
 
 
 def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], ...]:
-    """Find the observations of one test: other channels on the same record. The same channel once more is another test.
-
-    Parameters
-    ----------
-    observations : sequence of Observation
-        All of them.
-
-    Returns
-    -------
-    tuple of tuple of int
-        Numbers of those of one test, in the order of the first of them.
-    """
+    """Find the observations of one test: other channels on the same record. The same channel once more is another test."""
     tests: list[tuple[str, set[str], list[int]]] = []
     for number, observation in enumerate(observations):
         record, channels = observation.record.content_hash, set(observation.channels)
@@ -43,18 +32,7 @@ def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], .
 
 
 def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
-    """Find the observations that share a response: of one record, one model and the same parameters of it.
-
-    Parameters
-    ----------
-    bounds : sequence of BoundLikelihood
-        Of every observation.
-
-    Returns
-    -------
-    tuple of tuple of int
-        Numbers of those that share one, in the order of the first of them.
-    """
+    """Find the observations that share a response: of one record, one model and the same parameters of it."""
     found: dict[Any, list[int]] = {}
     for number, bound in enumerate(bounds):
         found.setdefault((id(bound.model), bound.observation.record.content_hash, bound.free), []).append(number)
@@ -64,22 +42,7 @@ def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]
 def squares_of(
     bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
 ) -> tuple[list[Any], Any]:
-    """Sums of squared residuals of observations that share a response, inside JAX.
-
-    Parameters
-    ----------
-    bounds : sequence of BoundLikelihood
-        Of these observations.
-    theta : jax.Array, shape (run, parameter)
-        All parameters.
-    data : sequence of Measured
-        Of each.
-
-    Returns
-    -------
-    tuple
-        Σ (y − M)² (channel, run) of each, and whether the response is finite (run,).
-    """
+    """Sums of squared residuals of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
         folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
         plain = not any(bound.observation.nuisances() for bound in bounds)
@@ -92,22 +55,7 @@ def squares_of(
 def log_likelihood_of(
     bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
 ) -> tuple[Any, Any]:
-    """Log-likelihood of observations that share a response, inside JAX.
-
-    Parameters
-    ----------
-    bounds : sequence of BoundLikelihood
-        Of these observations.
-    theta : jax.Array, shape (run, parameter)
-        All parameters.
-    data : sequence of Measured
-        Of each.
-
-    Returns
-    -------
-    tuple of jax.Array, shape (run,)
-        Its sum over them, and whether the response is finite.
-    """
+    """Log-likelihood of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
         folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
         if all(fold is not None for fold in folds):

@@ -26,18 +26,10 @@ GOOD_K_HAT = 0.7
 
 @dataclass(frozen=True, eq=False)
 class LeaveOut:
-    """Expected log predictive density, stretch by stretch.
+    """Expected log predictive density, stretch by stretch."""
 
-    Parameters
-    ----------
-    each : ndarray, shape (block,)
-        Log density of each stretch given the others [nat].
-    k_hat : ndarray, shape (block,)
-        Tail index of the weights that leave it out.
-    """
-
-    each: Float[np.ndarray, " block"] = field(repr=False)
-    k_hat: Float[np.ndarray, " block"] = field(repr=False)
+    each: Float[np.ndarray, " block"] = field(repr=False)  # Log density of each stretch given the others [nat]
+    k_hat: Float[np.ndarray, " block"] = field(repr=False)  # Tail index of the weights that leave it out
 
     @property
     def value(self) -> float:
@@ -55,39 +47,13 @@ class LeaveOut:
         return int(np.count_nonzero(self.k_hat > GOOD_K_HAT))
 
     def less(self, other: LeaveOut) -> tuple[float, float]:
-        """How much better this class predicts the same stretches than another.
-
-        Parameters
-        ----------
-        other : LeaveOut
-            Of the other class.
-
-        Returns
-        -------
-        tuple of float
-            Difference, this class minus the other, and its standard error from pairs of stretches [nat].
-        """
+        """How much better this class predicts the same stretches than another."""
         gap = self.each - other.each
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
 
 
 def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], blocks: int = BLOCKS) -> LeaveOut:
-    """Cross-validate over stretches of the measurements by Pareto-smoothed importance sampling.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What was sampled.
-    draws : ndarray, shape (draw, parameter)
-        Draws of it in SI; the model is run at each.
-    blocks : int
-        Stretches of each history.
-
-    Returns
-    -------
-    LeaveOut
-        For all stretches of all histories.
-    """
+    """Cross-validate over stretches of the measurements by Pareto-smoothed importance sampling."""
     each, tails = [], []
     for index, observation in enumerate(posterior.observations):
         if not 2 <= blocks <= len(observation.values):
@@ -104,46 +70,22 @@ def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], 
 
 @dataclass(frozen=True, eq=False)
 class ModelClass:
-    """What a comparison knows about one model class.
+    """What a comparison knows about one model class."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the class.
-    evidence : Evidence or None
-        log Z; None where it is not known.
-    left_out : LeaveOut
-        Predictive density by stretches.
-    parameters : int
-        Number of parameters.
-    unexplained : float
-        Share of the measurement's variance that its best prediction leaves unexplained.
-    inside : float
-        Share of the measurement inside its 90 % predictive band.
-    trusted : bool
-        Whether its draws have converged, and are certified where they rest on a surrogate.
-    """
-
-    name: str
-    evidence: Evidence | None
-    left_out: LeaveOut
-    parameters: int
-    unexplained: float
-    inside: float
-    trusted: bool
+    name: str  # Name of the class
+    evidence: Evidence | None  # log Z; None where it is not known
+    left_out: LeaveOut  # Predictive density by stretches
+    parameters: int  # Number of parameters
+    unexplained: float  # Share of the measurement's variance that its best prediction leaves unexplained
+    inside: float  # Share of the measurement inside its 90 % predictive band
+    trusted: bool  # Whether its draws have converged, and are certified where they rest on a surrogate
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ShownAsText):
-    """Model classes side by side.
+    """Model classes side by side."""
 
-    Parameters
-    ----------
-    classes : tuple of ModelClass
-        At least two, of the same measurements.
-    """
-
-    classes: tuple[ModelClass, ...]
+    classes: tuple[ModelClass, ...]  # At least two, of the same measurements
 
     def __post_init__(self) -> None:
         if len(self.classes) < 2:
@@ -163,18 +105,7 @@ class Comparison(ShownAsText):
         return one.evidence.value if self.by_evidence and one.evidence is not None else one.left_out.value
 
     def bayes_factor(self, one: ModelClass) -> tuple[float, float]:
-        """Log Bayes factor of a class against the best.
-
-        Parameters
-        ----------
-        one : ModelClass
-            The class.
-
-        Returns
-        -------
-        tuple of float
-            log Z − log Z_best and its standard error [nat]; NaN where an evidence is not known.
-        """
+        """Log Bayes factor of a class against the best."""
         best = self.best
         if one.evidence is None or best.evidence is None:
             return float("nan"), float("nan")
@@ -217,13 +148,7 @@ class Comparison(ShownAsText):
         return sentence
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
-        """Give the figures as text.
-
-        Returns
-        -------
-        tuple of list
-            Heads and rows, the best class first.
-        """
+        """Give the figures as text."""
         heads = [
             "model class", "parameters", "log evidence", "log Bayes factor", "probability", "log density left out", "to the best",
             "unexplained", "inside 90 %",
@@ -252,13 +177,7 @@ class Comparison(ShownAsText):
         return heads, rows
 
     def side_by_side(self) -> tuple[list[str], list[list[str]]]:
-        """Give the same with a column for each class, and what each row is in full.
-
-        Returns
-        -------
-        tuple of list
-            Heads and rows.
-        """
+        """Give the same with a column for each class, and what each row is in full."""
         _, rows = self.rows()
         meanings = [
             "parameters, those of the discrepancy included",
@@ -285,19 +204,6 @@ def _probability(value: float) -> str:
 
 
 def aligned(heads: list[str], rows: list[list[str]]) -> list[str]:
-    """Lines of a table with aligned columns.
-
-    Parameters
-    ----------
-    heads : list of str
-        Heads of the columns.
-    rows : list of list of str
-        Cells.
-
-    Returns
-    -------
-    list of str
-        The heads, then the rows.
-    """
+    """Lines of a table with aligned columns."""
     widths = [max(len(r[i]) for r in [heads, *rows]) for i in range(len(heads))]
     return ["  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in [heads, *rows]]

@@ -17,18 +17,7 @@ PRIOR_DRAWS, PRIOR_K = 10.0, 0.5
 
 
 def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray, float]:
-    """Pareto-smoothed importance weights and their tail index.
-
-    Parameters
-    ----------
-    log_ratios : ndarray, shape (draw,)
-        log w, −inf for a weight of zero.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Weights that sum to one, and k̂: −∞ where the weights are equal up to rounding, ∞ where no tail can be fitted.
-    """
+    """Pareto-smoothed importance weights and their tail index."""
     count, alive = len(log_ratios), np.isfinite(log_ratios)
     if not alive.any():
         return np.full(count, 1.0 / count), float("inf")
@@ -64,16 +53,6 @@ def pareto_fit(excess: Float[np.ndarray, " draw"]) -> tuple[float, float]:
 
     With θ = −k/σ the profile likelihood of n draws is L(θ) = exp{n (log(−θ/k(θ)) − k(θ) − 1)}, k(θ) = mean log(1 − θ x). θ is its
     mean over a grid that their prior suggests.
-
-    Parameters
-    ----------
-    excess : ndarray, shape (draw,)
-        Positive, rising.
-
-    Returns
-    -------
-    tuple of float
-        k, drawn towards ½ by a weak prior, and σ; NaN where a quarter of the draws are equal.
     """
     count = len(excess)
     points = 30 + int(np.sqrt(count))

@@ -29,36 +29,15 @@ ROUNDS = 6
 
 @dataclass(frozen=True, eq=False)
 class BandScale:
-    """λ(t), by which draws are moved away from their median, as a function of the running power of the motion.
+    """λ(t), by which draws are moved away from their median, as a function of the running power of the motion."""
 
-    Parameters
-    ----------
-    factors : ndarray, shape (level, channel)
-        λ at `LEVELS`; log λ is linear between them, and constant beyond.
-    """
-
-    factors: Float[np.ndarray, "level channel"]
+    factors: Float[np.ndarray, "level channel"]  # λ at `LEVELS`; log λ is linear between them, and constant beyond
 
     @classmethod
     def of(
         cls, measured: Float[np.ndarray, "time channel"], draws: Float[np.ndarray, "draw time channel"], dt: float
     ) -> BandScale:
-        """Find the factors with which a band of draws would have held the measured values as often as it says.
-
-        Parameters
-        ----------
-        measured : ndarray, shape (time, channel)
-            In SI.
-        draws : ndarray, shape (draw, time, channel)
-            Predictions of them, made as for another record.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        BandScale
-            Ones for a channel whose draws are all the same somewhere.
-        """
+        """Find the factors with which a band of draws would have held the measured values as often as it says."""
         tail = 0.5 * (1.0 - PROBABILITY)
         low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
         half_width = np.where(measured > median, high - median, median - low)
@@ -70,20 +49,7 @@ class BandScale:
         return cls(factors)
 
     def applied(self, draws: Float[np.ndarray, "draw time channel"], dt: float) -> np.ndarray:
-        """Move draws away from their median, or towards it.
-
-        Parameters
-        ----------
-        draws : ndarray, shape (draw, time, channel)
-            In SI.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        ndarray
-            In the same shape.
-        """
+        """Move draws away from their median, or towards it."""
         if not len(draws):
             return draws
         median = np.median(draws, axis=0)

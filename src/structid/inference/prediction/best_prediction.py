@@ -18,18 +18,11 @@ WRONG_BY = 8.0
 
 
 class BestPrediction(NamedTuple):
-    """How well a prediction fits what was measured.
+    """How well a prediction fits what was measured."""
 
-    Parameters
-    ----------
-    unexplained : float
-        Fraction of the measurement's variance that it leaves unexplained; the largest over measurements and channels.
-    peak : float
-        Its peak over the measured one, where both differ most.
-    """
-
+    # Fraction of the measurement's variance that it leaves unexplained; the largest over measurements and channels
     unexplained: float
-    peak: float
+    peak: float  # Its peak over the measured one, where both differ most
 
     @property
     def of_another_size(self) -> bool:
@@ -43,20 +36,7 @@ UNMEASURED = BestPrediction(float("nan"), float("nan"))
 
 
 def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> BestPrediction:
-    """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)², and how large it is.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model and measurements.
-    theta : ndarray, shape (parameter,)
-        Parameters in SI.
-
-    Returns
-    -------
-    BestPrediction
-        Of all measurements; 0 is perfect.
-    """
+    """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)², and how large it is."""
     fractions, peaks = [], []
     for index, observation in enumerate(posterior.observations):
         measured, predicted = observation.values, posterior.predict(theta[None, :], index)[0]
@@ -70,16 +50,5 @@ def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
 
 
 def comparable(one: float, other: float) -> bool:
-    """Say whether two peaks are of similar size.
-
-    Parameters
-    ----------
-    one, other : float
-        Both, in one unit.
-
-    Returns
-    -------
-    bool
-        False where a unit is likely to be wrong.
-    """
+    """Say whether two peaks are of similar size."""
     return bool(max(one, other) <= WRONG_BY * min(one, other))

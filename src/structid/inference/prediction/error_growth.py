@@ -16,36 +16,16 @@ PERIODS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ErrorGrowth:
-    """σ²(t) = σ² (1 − s + s p(t)/p̄): the part s of the errors' variance goes with the power p(t) of the motion.
+    """σ²(t) = σ² (1 − s + s p(t)/p̄): the part s of the errors' variance goes with the power p(t) of the motion."""
 
-    Parameters
-    ----------
-    share : ndarray, shape (channel,)
-        s, from 0 (an instrument's noise) to 1 (a wrong model's error).
-    power : ndarray, shape (channel,)
-        p̄, the mean power of the response to the measured record, in the square of the channel's SI unit.
-    """
-
-    share: Float[np.ndarray, " channel"]
+    share: Float[np.ndarray, " channel"]  # s, from 0 (an instrument's noise) to 1 (a wrong model's error)
+    # p̄, the mean power of the response to the measured record, in the square of the channel's SI unit
     power: Float[np.ndarray, " channel"] = field(repr=False)
 
     def scale(
         self, response: Float[np.ndarray, "run time channel"], dt: float
     ) -> Float[np.ndarray, "run time channel"]:
-        """Give σ(t)/σ for another record.
-
-        Parameters
-        ----------
-        response : ndarray, shape (run, time, channel)
-            The response to it in SI.
-        dt : float
-            Its time step [s].
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            By which errors of the measured record's size are multiplied.
-        """
+        """Give σ(t)/σ for another record."""
         if not (len(response) and self.share.any()):
             return np.ones(response.shape)
         power = np.stack([running_power(each, dt) for each in response])
@@ -53,20 +33,7 @@ class ErrorGrowth:
 
 
 def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Float[np.ndarray, "time channel"]:
-    """Mean square of a response over two of its dominant periods.
-
-    Parameters
-    ----------
-    response : ndarray, shape (time, channel)
-        In SI.
-    dt : float
-        Time step [s].
-
-    Returns
-    -------
-    ndarray, shape (time, channel)
-        In the square of the channel's SI unit.
-    """
+    """Mean square of a response over two of its dominant periods."""
     spectrum = (np.abs(np.fft.rfft(response - response.mean(axis=0), axis=0)) ** 2).sum(axis=1)
     frequency = max(int(np.argmax(spectrum)), 1) / (len(response) * dt)
     width = int(np.clip(round(PERIODS / (frequency * dt)), 1, len(response)))
@@ -74,22 +41,7 @@ def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Flo
 
 
 def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
-    """Find the part of the errors that goes with the motion: non-negative least squares of the residual's running power.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model and measurements.
-    theta : ndarray, shape (parameter,)
-        The fit in SI.
-    index : int
-        Which observation.
-
-    Returns
-    -------
-    ErrorGrowth
-        Constant errors where the run fails.
-    """
+    """Find the part of the errors that goes with the motion: non-negative least squares of the residual's running power."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
     residual, dt = observation.values - response, observation.record.dt
     channels = len(observation.channels)

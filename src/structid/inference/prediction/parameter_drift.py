@@ -25,38 +25,16 @@ TOLD = 1.2
 
 @dataclass(frozen=True, eq=False)
 class ParameterDrift:
-    """By how much parameters change in time, where the data say that they do.
+    """By how much parameters change in time, where the data say that they do."""
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Whose parameters they are.
-    sd : ndarray, shape (parameter,)
-        Standard deviations d_j of θ_j(t) about its mean, in SI; zeros where the data do not say that any parameter drifts.
-    gain : float
-        By how much the best d raises the log density, over that without drift [nat].
-    """
-
-    posterior: Posterior = field(repr=False)
+    posterior: Posterior = field(repr=False)  # Whose parameters they are
+    # Standard deviations d_j of θ_j(t) about its mean, in SI; zeros where the data do not say that any parameter drifts
     sd: Float[np.ndarray, " parameter"] = field(repr=False)
-    gain: float
+    gain: float  # By how much the best d raises the log density, over that without drift [nat]
 
     @classmethod
     def sampled(cls, posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> ParameterDrift:
-        """Take the drift from draws of a posterior whose law lets parameters drift.
-
-        Parameters
-        ----------
-        posterior : Posterior
-            With `Drifting`.
-        draws : ndarray, shape (draw, parameter)
-            In SI.
-
-        Returns
-        -------
-        ParameterDrift
-            The root mean square of every d_j.
-        """
+        """Take the drift from draws of a posterior whose law lets parameters drift."""
         places = [posterior.names.index(drift_name(name)) for name in posterior.model_space.names]
         return cls(posterior, np.sqrt(np.mean(draws[:, places] ** 2, axis=0)), float("nan"))
 
@@ -66,33 +44,11 @@ class ParameterDrift:
         return bool(self.sd.any())
 
     def widened(self, sd: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """Give the spread of the parameters on a record that was not measured, √(sd² + d²).
-
-        Parameters
-        ----------
-        sd : ndarray, shape (parameter,)
-            Of the posterior in SI, the model's parameters first.
-
-        Returns
-        -------
-        ndarray, shape (parameter,)
-            In SI; the law's parameters as they are.
-        """
+        """Give the spread of the parameters on a record that was not measured, √(sd² + d²)."""
         return np.asarray(np.hypot(sd, np.pad(self.sd, (0, len(sd) - len(self.sd)))))
 
     def sentence(self, mean: Float[np.ndarray, " parameter"]) -> str:
-        """Say by how much they drift.
-
-        Parameters
-        ----------
-        mean : ndarray, shape (parameter,)
-            Of the posterior in SI, the model's parameters first.
-
-        Returns
-        -------
-        str
-            Empty where they do not.
-        """
+        """Say by how much they drift."""
         if not self.found:
             return ""
         parts = []
@@ -116,20 +72,7 @@ class ParameterDrift:
     def moved(
         self, theta: Float[np.ndarray, "run parameter"], rng: np.random.Generator
     ) -> Float[np.ndarray, "run parameter"]:
-        """Draw what the parameters are on a record that was not measured: θ_j + d_j b_j, b_j ~ N(0, 1).
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Draws in SI, the model's parameters first.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (run, parameter)
-            In SI, within the support of the prior; the law's parameters as they are.
-        """
+        """Draw what the parameters are on a record that was not measured: θ_j + d_j b_j, b_j ~ N(0, 1)."""
         (low, high), count = self.posterior.model_space.bounds.T, len(self.sd)
         own = theta[:, :count] + self.sd * rng.standard_normal((len(theta), count))
         return np.concatenate([np.clip(own, low, high), theta[:, count:]], axis=1)
@@ -138,22 +81,7 @@ class ParameterDrift:
 def drift_of(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], fit: Float[np.ndarray, " parameter"]
 ) -> ParameterDrift | None:
-    """Give the drift as the law itself has it, or as it is estimated from what a fit leaves.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        That was sampled.
-    draws : ndarray, shape (draw, parameter)
-        Of it, in SI.
-    fit : ndarray, shape (parameter,)
-        The fit in SI, such as the MAP estimate.
-
-    Returns
-    -------
-    ParameterDrift or None
-        See `ParameterDrift.sampled` and `parameter_drift`.
-    """
+    """Give the drift as the law itself has it, or as it is estimated from what a fit leaves."""
     return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
 
 
@@ -170,20 +98,6 @@ def parameter_drift(
     d maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with the law's parameters
     held. It needs two runs of the model for each parameter, so it can be had where the model is a surrogate. Where it finds a
     drift, θ at the fit is a mean over this record only: √(sd² + d²) is the spread of the parameter on another one.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model, measurements, and a law of errors that are added to the response.
-    theta : ndarray, shape (parameter,)
-        The fit in SI, such as the MAP estimate.
-    spans : int
-        Parts of each record between knots.
-
-    Returns
-    -------
-    ParameterDrift or None
-        None where a run about the fit fails.
     """
     space = posterior.model_space
     if space.dimension == 0:  # of the errors alone

@@ -120,20 +120,7 @@ class Prediction(ShownAsText):
 
 
 def first_that_takes(record: Excitation | None, *posteriors: Posterior) -> Posterior:
-    """Choose the posterior by which to predict a record: a surrogate may know only the records that it was fitted to.
-
-    Parameters
-    ----------
-    record : Excitation or None
-        The record; None for the measured one.
-    *posteriors : Posterior
-        In the order in which they are preferred; the last takes any record.
-
-    Returns
-    -------
-    Posterior
-        The first whose model takes it.
-    """
+    """Choose the posterior by which to predict a record: a surrogate may know only the records that it was fitted to."""
     for posterior in posteriors[:-1]:
         try:
             if record is not None:
@@ -155,68 +142,21 @@ def predict(
     scaled: bool = True,
     observation: int | None = None,
 ) -> Prediction:
-    """Predict the response of draws of the parameters.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model, measurements and discrepancy.
-    theta : ndarray, shape (draw, parameter)
-        Draws in SI.
-    record : Excitation, optional
-        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift of a
-        channel are those of the observation that measured it there. On another record, they are those of the first observation
-        that measured the channel, without its instrument.
-        The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
-        drift in another way, as far as they did on the measured one. All of it is scaled so that the measured record, predicted
-        like this, is inside its 90 % band as often as the band says, in its strong and in its quiet part (`BandScale`).
-    channels : tuple of str, optional
-        What to predict; when left out what was measured, by all observations of that record, or of any where it is another one.
-        Channels that were not measured have no discrepancy.
-    seed : int
-        Seed of the discrepancy.
-    progress : callable, optional
-        Called with the number of finished runs and the total.
-    drift : ParameterDrift, optional
-        How far the parameters of another record may be from those of the measured ones; see `parameter_drift`. Where the law
-        itself lets them drift, its draws say so.
-    scaled : bool
-        Whether the errors are scaled by what their band holds of the measured record; without, they are those of the law.
-    observation : int, optional
-        Which observation to predict, from 0: its record and its channels, where several observations share a record or a channel.
-
-    Returns
-    -------
-    Prediction
-        Draws whose simulation succeeded.
-    """
+    """Predict the response of draws of the parameters."""
     predictor = Predictor(posterior, theta, seed, drift, scaled)
     return predictor.on(record, channels, progress, observation=observation)
 
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Predicts the response of the same draws to one record after another; see `predict`.
+    """Predicts the response of the same draws to one record after another; see `predict`."""
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Model, measurements and discrepancy.
-    theta : ndarray, shape (draw, parameter)
-        Draws in SI.
-    seed : int
-        Seed of the discrepancy.
-    drift : ParameterDrift, optional
-        How far the parameters of another record may be from those of the measured ones.
-    scaled : bool
-        Whether the errors are scaled by what their band holds of the measured record.
-    """
-
-    posterior: Posterior
-    theta: Float[np.ndarray, "draw parameter"] = field(repr=False)
-    seed: int = 0
+    posterior: Posterior  # Model, measurements and discrepancy
+    theta: Float[np.ndarray, "draw parameter"] = field(repr=False)  # Draws in SI
+    seed: int = 0  # Seed of the discrepancy
+    # How far the parameters of another record may be from those of the measured ones
     drift: ParameterDrift | None = None
-    scaled: bool = True
+    scaled: bool = True  # Whether the errors are scaled by what their band holds of the measured record
 
     def on(
         self,
@@ -226,26 +166,7 @@ class Predictor:
         stand_in: Model | None = None,
         observation: int | None = None,
     ) -> Prediction:
-        """Predict the response to a record.
-
-        Parameters
-        ----------
-        record : Excitation, optional
-            The record; the first measured one when left out.
-        channels : tuple of str, optional
-            What to predict; what was measured when left out.
-        progress : callable, optional
-            Called with the number of finished runs and the total.
-        stand_in : Model, optional
-            A surrogate that knows that record, in the model's place. The errors that are added are the model's.
-        observation : int, optional
-            Which observation to predict.
-
-        Returns
-        -------
-        Prediction
-            Draws whose simulation succeeded.
-        """
+        """Predict the response to a record."""
         observations = self.posterior.observations
         if observation is not None and not 0 <= observation < len(observations):
             raise InputError("observation", f"{observation}", f"0 to {len(observations) - 1}")
@@ -414,21 +335,11 @@ class Predictor:
 
 @dataclass(frozen=True)
 class Sources:
-    """Which observation says what errors a predicted channel has.
+    """Which observation says what errors a predicted channel has."""
 
-    Parameters
-    ----------
-    channels : tuple of str
-        What is predicted.
-    of : tuple of int or None
-        The observation of each channel; None for a channel that nobody measured.
-    here : frozenset of int
-        Observations that were made on the predicted record itself.
-    """
-
-    channels: tuple[str, ...]
-    of: tuple[int | None, ...]
-    here: frozenset[int]
+    channels: tuple[str, ...]  # What is predicted
+    of: tuple[int | None, ...]  # The observation of each channel; None for a channel that nobody measured
+    here: frozenset[int]  # Observations that were made on the predicted record itself
 
     @classmethod
     def of_record(
@@ -438,24 +349,7 @@ class Sources:
         channels: tuple[str, ...] | None,
         observation: int | None,
     ) -> Sources:
-        """Choose for every channel an observation on that record, or else the first that measured the channel.
-
-        Parameters
-        ----------
-        observations : sequence of Observation
-            What was measured.
-        record : Excitation
-            The predicted one.
-        channels : tuple of str or None
-            What is predicted; None for everything that was measured on that record, or anywhere where it is another one.
-        observation : int or None
-            The only one on that record that is meant.
-
-        Returns
-        -------
-        Sources
-            One for each channel.
-        """
+        """Choose for every channel an observation on that record, or else the first that measured the channel."""
         on_record = [i for i, o in enumerate(observations) if o.record is record]
         here = on_record if observation is None else [observation]
         order = [*here, *(i for i in range(len(observations)) if i not in here)]
@@ -470,18 +364,7 @@ class Sources:
         return sorted({index for index in self.of if index is not None})
 
     def places(self, index: int) -> list[int]:
-        """Places of the channels whose source is one observation.
-
-        Parameters
-        ----------
-        index : int
-            Which observation.
-
-        Returns
-        -------
-        list of int
-            Among `channels`.
-        """
+        """Places of the channels whose source is one observation."""
         return [place for place, source in enumerate(self.of) if source == index]
 
 

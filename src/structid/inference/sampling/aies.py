@@ -185,29 +185,7 @@ class AIES(Sampler):
 def starting_state(
     target: Target, settings: AIES, seed: int, points: np.ndarray | None = None
 ) -> tuple[EnsembleState, int]:
-    """Choose starting points of finite density.
-
-    Parameters
-    ----------
-    target : Target
-        What to sample.
-    settings : AIES
-        Walkers, ensembles, candidates.
-    seed : int
-        Seed.
-    points : array-like, shape (point, parameter), optional
-        Where walkers may start, in SI; drawn from the target when left out.
-
-    Returns
-    -------
-    tuple of EnsembleState and int
-        The state, and the number of failed simulations.
-
-    Raises
-    ------
-    ConvergenceError
-        If the density is finite at almost none of the points that the target suggests.
-    """
+    """Choose starting points of finite density."""
     if settings.walkers < 2 * target.dimension:
         raise InputError(
             "AIES.walkers",
@@ -265,27 +243,7 @@ def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Gener
 def run_block(
     target: Target, settings: AIES, state: EnsembleState, seed: int, index: int, steps: int
 ) -> tuple[EnsembleState, Block]:
-    """Move every walker a number of times.
-
-    Parameters
-    ----------
-    target : Target
-        What to sample.
-    settings : AIES
-        The moves.
-    state : EnsembleState
-        Where the walkers are.
-    seed, index : int
-        Seed, and number of the block: together they give its random stream.
-    steps : int
-        How many times every walker moves.
-
-    Returns
-    -------
-    tuple of EnsembleState and dict
-        The state after, and ``phi`` (step, ensemble, walker, parameter), ``log_density``, ``accepted`` (step, ensemble, walker)
-        and ``failed`` simulations (step,).
-    """
+    """Move every walker a number of times."""
     rng = stream(seed, Purpose.ENSEMBLE_MOVES, index)
     state, moves = state.copied(), Moves(settings.stretch, settings.differential_evolution)
     ensembles, walkers, dimension = state.phi.shape
@@ -305,20 +263,7 @@ def run_block(
 
 
 def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
-    """Move walkers caught in a false mode to healthy ones of their ensemble.
-
-    Parameters
-    ----------
-    state : EnsembleState
-        After a block.
-    seed, index : int
-        Seed, and number of the block.
-
-    Returns
-    -------
-    EnsembleState
-        Every walker within `SETTLING_GAP` nats of its ensemble's median.
-    """
+    """Move walkers caught in a false mode to healthy ones of their ensemble."""
     rng = stream(seed, Purpose.ENSEMBLE_SETTLING, index)
     phi, density = state.copied()
     for ensemble in range(len(phi)):
@@ -329,18 +274,7 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
 
 
 def study_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that converge on the benchmark study, for a study file that leaves them out.
-
-    Parameters
-    ----------
-    given : mapping of str to object
-        Settings that it gives.
-
-    Returns
-    -------
-    dict of str to object
-        All others that differ from the defaults of `AIES`.
-    """
+    """Settings that converge on the benchmark study, for a study file that leaves them out."""
     defaults: dict[str, Any] = {
         "walkers": 32, "steps": 3000, "ensembles": 4, "differential_evolution": 0.8, "discard": 0.3, "start_candidates": 10,
     }  # fmt: skip

@@ -27,27 +27,16 @@ Keep = Callable[[int, Block], None]
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """log Z, Z = ∫ π₀(θ) L(θ) dθ.
+    """log Z, Z = ∫ π₀(θ) L(θ) dθ."""
 
-    Parameters
-    ----------
-    value : float
-        log Z.
-    error : float
-        Its standard error.
-    each : ndarray, shape (population,)
-        log Z of independent populations.
-    smallest_basin : float
-        Share of the prior in the basin of a mode (from where a way uphill leads to it) from which on the mode is found with a
-        probability of 95 %. Modes with smaller basins may be missing in Z. NaN where none were searched for.
-    at_rest : bool
-        Whether the particles had come to rest. Where they had not, Z lacks what they had not reached, and the error does not know.
-    """
-
-    value: float
-    error: float
-    each: Float[np.ndarray, " population"]
+    value: float  # log Z
+    error: float  # Its standard error
+    each: Float[np.ndarray, " population"]  # log Z of independent populations
+    # Share of the prior in the basin of a mode (from where a way uphill leads to it) from which on the mode is found
+    # with a probability of 95 %. Modes with smaller basins may be missing in Z. NaN where none were searched for
     smallest_basin: float = float("nan")
+    # Whether the particles had come to rest. Where they had not, Z lacks what they had not reached, and the error does
+    # not know
     at_rest: bool = True
 
     @classmethod
@@ -57,24 +46,7 @@ class Evidence:
         variance: Float[np.ndarray, " population"],
         lacking: Float[np.ndarray, " population"],
     ) -> Evidence:
-        """Average the evidence of independent populations.
-
-        Parameters
-        ----------
-        each : ndarray, shape (population,)
-            log Z of each.
-        variance : ndarray, shape (population,)
-            Variance of each log Z by its own particles.
-        lacking : ndarray, shape (population,)
-            How much each log Z may be too small because its particles had not equilibrated.
-
-        Returns
-        -------
-        Evidence
-            The mean of Z. Its error is the larger of two: the scatter between populations, and the scatter expected from their
-            own particles. What all populations lack is added to this error, with its own error. It does not average out, since
-            all lack it alike.
-        """
+        """Average the evidence of independent populations."""
         count = len(each)
         value = float(logsumexp(each) - np.log(count))
         between, unsure = (each.var(ddof=1), lacking.var(ddof=1)) if count > 1 else (0.0, 0.0)
@@ -98,18 +70,10 @@ class Evidence:
 
 
 class LogBayesFactor(NamedTuple):
-    """How much more a measurement speaks for one model than for another.
+    """How much more a measurement speaks for one model than for another."""
 
-    Parameters
-    ----------
-    value : float
-        Log of the ratio of both evidences [nat]: e^5 is 148 to 1.
-    error : float
-        Its standard error.
-    """
-
-    value: float
-    error: float
+    value: float  # Log of the ratio of both evidences [nat]: e^5 is 148 to 1
+    error: float  # Its standard error
 
     def __str__(self) -> str:
         return f"log Bayes factor {self.value:.2f} ± {self.error:.2f}"
@@ -117,24 +81,12 @@ class LogBayesFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Cost:
-    """What a chain cost whose proposals come from a surrogate.
+    """What a chain cost whose proposals come from a surrogate."""
 
-    Parameters
-    ----------
-    true_runs : int
-        Runs of the model itself, including those of the start.
-    surrogate_runs : int
-        Runs of the surrogate in sub-chains.
-    acceptance : float
-        Share of the proposals that the model accepted, over the kept steps.
-    sub_steps : int
-        Moves of a sub-chain, as tuned.
-    """
-
-    true_runs: int
-    surrogate_runs: int
-    acceptance: float
-    sub_steps: int
+    true_runs: int  # Runs of the model itself, including those of the start
+    surrogate_runs: int  # Runs of the surrogate in sub-chains
+    acceptance: float  # Share of the proposals that the model accepted, over the kept steps
+    sub_steps: int  # Moves of a sub-chain, as tuned
 
     @property
     def speed_up(self) -> float:
@@ -150,33 +102,16 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a sampler has drawn.
+    """What a sampler has drawn."""
 
-    Parameters
-    ----------
-    phi : ndarray, shape (step, ensemble, walker, parameter)
-        Unconstrained coordinates of every step, the discarded ones included.
-    log_density : ndarray, shape (step, ensemble, walker)
-        Log density with respect to φ.
-    accepted : ndarray of bool, shape (step, ensemble, walker)
-        Whether each proposal was accepted.
-    failed : int
-        Simulations that failed.
-    log_evidence : Evidence, optional
-        For samplers that estimate it.
-    cost : Cost, optional
-        For samplers that run both a model and its surrogate.
-    divergent : int
-        Trajectories that did not conserve energy, for samplers that follow trajectories.
-    """
-
+    # Unconstrained coordinates of every step, the discarded ones included
     phi: Float[np.ndarray, "step ensemble walker parameter"]
-    log_density: Float[np.ndarray, "step ensemble walker"]
-    accepted: Bool[np.ndarray, "step ensemble walker"]
-    failed: int
-    log_evidence: Evidence | None = None
-    cost: Cost | None = None
-    divergent: int = 0
+    log_density: Float[np.ndarray, "step ensemble walker"]  # Log density with respect to φ
+    accepted: Bool[np.ndarray, "step ensemble walker"]  # Whether each proposal was accepted
+    failed: int  # Simulations that failed
+    log_evidence: Evidence | None = None  # For samplers that estimate it
+    cost: Cost | None = None  # For samplers that run both a model and its surrogate
+    divergent: int = 0  # Trajectories that did not conserve energy, for samplers that follow trajectories
 
 
 class Sampler(ABC):
@@ -292,72 +227,24 @@ class Sampler(ABC):
 def correlation(
     before: Float[np.ndarray, "ensemble walker parameter"], after: Float[np.ndarray, "ensemble walker parameter"]
 ) -> float:
-    """Largest correlation, over the parameters, between two positions of every walker.
-
-    Parameters
-    ----------
-    before, after : ndarray, shape (ensemble, walker, parameter)
-        Where they were, and are.
-
-    Returns
-    -------
-    float
-        1 where none has moved.
-    """
+    """Largest correlation, over the parameters, between two positions of every walker."""
     a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
     scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
     return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))
 
 
 def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
-    """Put blocks together.
-
-    Parameters
-    ----------
-    blocks : list of dict
-        In order.
-    steps : int
-        Steps that are wanted; a stored run may have more.
-
-    Returns
-    -------
-    dict of str to ndarray
-        With a leading step axis.
-    """
+    """Put blocks together."""
     return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
 
 
 def block_lengths(steps: int) -> Iterator[int]:
-    """Lengths of the blocks a run is made of.
-
-    Parameters
-    ----------
-    steps : int
-        Steps in all.
-
-    Yields
-    ------
-    int
-        Whole blocks, then what is left.
-    """
+    """Lengths of the blocks a run is made of."""
     for begin in range(0, steps, BLOCK_STEPS):
         yield min(BLOCK_STEPS, steps - begin)
 
 
 def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
-    """Leave out a last block that an earlier, shorter run cut short: its random stream is that of a whole block.
-
-    Parameters
-    ----------
-    blocks : list of dict
-        What is on disk.
-    lengths : sequence of int
-        Steps of the blocks of the run that is wanted.
-
-    Returns
-    -------
-    list of dict
-        The blocks to continue from.
-    """
+    """Leave out a last block that an earlier, shorter run cut short: its random stream is that of a whole block."""
     cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
     return blocks[:-1] if cut_off else blocks

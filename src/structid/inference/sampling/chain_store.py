@@ -22,13 +22,6 @@ class ChainStore:
 
     An HDF5 file that is being appended to does not survive a kill, so blocks go to a checksummed journal
     (``<path>.journal``) and are put together into the HDF5 file by write-then-rename.
-
-    Parameters
-    ----------
-    path : path-like
-        The HDF5 file.
-    identity : mapping
-        Target, sampler settings and seed; a store with another identity is refused.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
@@ -54,13 +47,7 @@ class ChainStore:
         ]
 
     def blocks(self) -> list[dict[str, np.ndarray]]:
-        """All blocks on disk, in order.
-
-        Returns
-        -------
-        list of dict
-            Arrays with a leading step axis.
-        """
+        """All blocks on disk, in order."""
         # A kill between the rename and the removal of the journal leaves blocks in both; a last block that was too short
         # for a longer run is written again. The later entry counts.
         found = dict(enumerate(self._finished))
@@ -69,15 +56,7 @@ class ChainStore:
         return [found[i] for i in sorted(found)]
 
     def append(self, index: int, block: Mapping[str, np.ndarray]) -> None:
-        """Put one block on disk.
-
-        Parameters
-        ----------
-        index : int
-            Its number.
-        block : mapping of str to ndarray
-            Arrays with a leading step axis.
-        """
+        """Put one block on disk."""
         self._journal.append({"index": np.array(index), **block})
 
     def finish(self) -> None:

@@ -365,34 +365,17 @@ class DelayedAcceptance(Sampler):
 
 
 class TwoStageState(NamedTuple):
-    """Where every walker is, and both log densities there.
+    """Where every walker is, and both log densities there."""
 
-    Parameters
-    ----------
-    phi : ndarray, shape (ensemble, walker, parameter)
-        Unconstrained coordinates.
-    log_density, log_surrogate : ndarray, shape (ensemble, walker)
-        Log densities under the model itself and under the surrogate, with respect to φ.
-    """
-
-    phi: Float[np.ndarray, "ensemble walker parameter"]
+    phi: Float[np.ndarray, "ensemble walker parameter"]  # Unconstrained coordinates
+    # Log densities under the model itself and under the surrogate, with respect to φ
     log_density: Float[np.ndarray, "ensemble walker"]
+    # Log densities under the model itself and under the surrogate, with respect to φ
     log_surrogate: Float[np.ndarray, "ensemble walker"]
 
     @classmethod
     def of(cls, block: Block) -> TwoStageState:
-        """State at the end of a block.
-
-        Parameters
-        ----------
-        block : dict
-            A step.
-
-        Returns
-        -------
-        TwoStageState
-            Where every walker is.
-        """
+        """State at the end of a block."""
         return cls(block["phi"][-1], block["log_density"][-1], block["log_surrogate"][-1])
 
     @property
@@ -406,13 +389,7 @@ class TwoStageState(NamedTuple):
         return EnsembleState(self.phi, self.log_surrogate)
 
     def copied(self) -> TwoStageState:
-        """The same in arrays of its own.
-
-        Returns
-        -------
-        TwoStageState
-            Copies of the arrays.
-        """
+        """The same in arrays of its own."""
         return TwoStageState(self.phi.copy(), self.log_density.copy(), self.log_surrogate.copy())
 
 

@@ -26,58 +26,22 @@ Kind = Literal["independent", "differential evolution", "stretch"]
 
 
 class EnsembleState(NamedTuple):
-    """Positions of all walkers, or of one half of them.
+    """Positions of all walkers, or of one half of them."""
 
-    Parameters
-    ----------
-    phi : ndarray, shape (ensemble, walker, parameter)
-        Unconstrained coordinates.
-    log_density : ndarray, shape (ensemble, walker)
-        Log of the density that is sampled, there.
-    """
-
-    phi: Float[np.ndarray, "ensemble walker parameter"]
-    log_density: Float[np.ndarray, "ensemble walker"]
+    phi: Float[np.ndarray, "ensemble walker parameter"]  # Unconstrained coordinates
+    log_density: Float[np.ndarray, "ensemble walker"]  # Log of the density that is sampled, there
 
     def part(self, walkers: slice) -> EnsembleState:
-        """Some walkers of every ensemble; what is changed in them is changed here.
-
-        Parameters
-        ----------
-        walkers : slice
-            Which.
-
-        Returns
-        -------
-        EnsembleState
-            Views of the arrays.
-        """
+        """Some walkers of every ensemble; what is changed in them is changed here."""
         return EnsembleState(self.phi[:, walkers], self.log_density[:, walkers])
 
     def copied(self) -> EnsembleState:
-        """The same in arrays of its own.
-
-        Returns
-        -------
-        EnsembleState
-            Copies of the arrays.
-        """
+        """The same in arrays of its own."""
         return EnsembleState(self.phi.copy(), self.log_density.copy())
 
 
 def halves(walkers: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Split an ensemble: first one half moves and the other rests, then the other way round.
-
-    Parameters
-    ----------
-    walkers : int
-        In an ensemble; an even number.
-
-    Returns
-    -------
-    tuple of tuple of slice
-        Moving and resting walkers, twice.
-    """
+    """Split an ensemble: first one half moves and the other rests, then the other way round."""
     first, second = slice(0, walkers // 2), slice(walkers // 2, None)
     return (first, second), (second, first)
 
@@ -93,20 +57,6 @@ def stretch_proposal(
     x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with
     min{1, Z^(d−1) π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
     belongs to.)
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    moving, resting : ndarray, shape (ensemble, walker, parameter)
-        The two halves.
-    a : float
-        Stretch parameter.
-
-    Returns
-    -------
-    tuple of ndarray
-        Proposals (ensemble, walker, parameter) and the log of the factor Z^(d−1) (ensemble, walker).
     """
     ensembles, walkers, dimension = moving.shape
     # Inverse of the cdf of g: √z is uniform between 1/√a and √a.
@@ -125,18 +75,6 @@ def differential_proposal(
 
     x* = x_i + γ (x_j − x_k) with two different walkers of the resting half. γ is 2.38/√(2d), or 1 in a tenth of the moves (which
     jumps between modes), and is varied by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    moving, resting : ndarray, shape (ensemble, walker, parameter)
-        The two halves.
-
-    Returns
-    -------
-    tuple of ndarray
-        Proposals (ensemble, walker, parameter) and zeros (ensemble, walker).
     """
     ensembles, walkers, dimension = moving.shape
     count = resting.shape[1]
@@ -154,72 +92,27 @@ class IndependenceLaw(NamedTuple):
     Each has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of those of
     highest density, as `LAYERS` says. Where a narrow peak rises out of a wide slope, the law of all walkers hardly ever proposes
     the peak, and walkers in it would not leave.
-
-    Parameters
-    ----------
-    middle : ndarray, shape (ensemble, layer, parameter)
-        Where each layer is.
-    factor : ndarray, shape (ensemble, layer, parameter, parameter)
-        Cholesky factor of its covariance.
-    share : ndarray, shape (layer,)
-        Its share of the moves.
     """
 
-    middle: Float[np.ndarray, "ensemble layer parameter"]
-    factor: Float[np.ndarray, "ensemble layer parameter parameter"]
-    share: Float[np.ndarray, " layer"]
+    middle: Float[np.ndarray, "ensemble layer parameter"]  # Where each layer is
+    factor: Float[np.ndarray, "ensemble layer parameter parameter"]  # Cholesky factor of its covariance
+    share: Float[np.ndarray, " layer"]  # Its share of the moves
 
     @classmethod
     def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
-        """Fit a law to some walkers, a separate one for each ensemble.
-
-        Parameters
-        ----------
-        walkers : EnsembleState
-            Walkers other than those the law will move, or walkers from the past of a chain, whose law is then fixed. Only the
-            order of their densities counts.
-
-        Returns
-        -------
-        IndependenceLaw
-            An approximation of the posterior.
-        """
+        """Fit a law to some walkers, a separate one for each ensemble."""
         sizes = _layers(*walkers.phi.shape[1:])
         middle, factor = _layered(walkers, list(sizes))
         return cls(middle, factor, np.array(list(sizes.values())))
 
     def shared_by(self, ensembles: int) -> IndependenceLaw:
-        """The law of a single ensemble, for several.
-
-        Parameters
-        ----------
-        ensembles : int
-            How many.
-
-        Returns
-        -------
-        IndependenceLaw
-            The same for each.
-        """
+        """The law of a single ensemble, for several."""
         return self._replace(
             middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
         )
 
     def draw(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "ensemble count parameter"]:
-        """Draw from the law of every ensemble.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-        count : int
-            Draws for each ensemble.
-
-        Returns
-        -------
-        ndarray, shape (ensemble, count, parameter)
-            Unconstrained coordinates.
-        """
+        """Draw from the law of every ensemble."""
         ensembles, layers, dimension = self.middle.shape
         layer = rng.choice(layers, p=self.share, size=(ensembles, count))
         ensemble = np.arange(ensembles)[:, None]
@@ -230,18 +123,7 @@ class IndependenceLaw(NamedTuple):
         )
 
     def log_density(self, x: Float[np.ndarray, "ensemble walker parameter"]) -> Float[np.ndarray, "ensemble walker"]:
-        """Log q, up to a constant.
-
-        Parameters
-        ----------
-        x : ndarray, shape (ensemble, walker, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        ndarray, shape (ensemble, walker)
-            Of each ensemble's own law.
-        """
+        """Log q, up to a constant."""
         log_share = np.log(self.share)[:, None]
         log_volume = np.log(np.einsum("elii->eli", self.factor)).sum(axis=2)[:, :, None]
         whitened = np.linalg.inv(self.factor) @ (x[:, None] - self.middle[:, :, None]).swapaxes(2, 3)
@@ -286,20 +168,6 @@ def independent_proposal(
 
     x* is drawn from a law q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An accepted
     walker has forgotten where it came from.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    moving : ndarray, shape (ensemble, walker, parameter)
-        The half that moves.
-    law : IndependenceLaw
-        q, which does not depend on what moves.
-
-    Returns
-    -------
-    tuple of ndarray
-        Proposals (ensemble, walker, parameter) and log q(x_i)/q(x*) (ensemble, walker).
     """
     proposal = law.draw(rng, moving.shape[1])
     return proposal, law.log_density(moving) - law.log_density(proposal)
@@ -307,38 +175,16 @@ def independent_proposal(
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """Which moves walkers make.
+    """Which moves walkers make."""
 
-    Parameters
-    ----------
-    stretch : float
-        a of the stretch move.
-    differential_evolution : float
-        Fraction of differential-evolution moves among those that are not independent.
-    independent : float
-        Fraction of independence moves.
-    law : IndependenceLaw, optional
-        The law they are drawn from. When left out, it is fitted to the resting half for each of them.
-    """
-
-    stretch: float
-    differential_evolution: float
-    independent: float = 0.0
+    stretch: float  # a of the stretch move
+    differential_evolution: float  # Fraction of differential-evolution moves among those that are not independent
+    independent: float = 0.0  # Fraction of independence moves
+    # The law they are drawn from. When left out, it is fitted to the resting half for each of them
     law: IndependenceLaw | None = None
 
     def kind(self, rng: np.random.Generator) -> Kind:
-        """Draw the kind of a move.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        str
-            The same for all walkers that move.
-        """
+        """Draw the kind of a move."""
         if self.independent > 0.0 and rng.random() < self.independent:
             return "independent"
         return "differential evolution" if rng.random() < self.differential_evolution else "stretch"
@@ -347,18 +193,6 @@ class Moves:
         """Draw the kinds of several moves that are reversible together, as each is alone.
 
         If two moves are each reversible, P_a P_b is not, but P_a P_b P_a and P_a P_b P_b P_a are.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-        count : int
-            How many.
-
-        Returns
-        -------
-        list of str
-            The same read backwards.
         """
         first = [self.kind(rng) for _ in range((count + 1) // 2)]
         return first + first[::-1][count % 2 :]
@@ -370,24 +204,7 @@ class Moves:
         moving: Float[np.ndarray, "ensemble walker parameter"],
         resting: EnsembleState,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Propose a place for every walker of a half.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-        kind : str
-            Of the move.
-        moving : ndarray, shape (ensemble, walker, parameter)
-            Where the moving half is.
-        resting : EnsembleState
-            The other half.
-
-        Returns
-        -------
-        tuple of ndarray
-            Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
-        """
+        """Propose a place for every walker of a half."""
         if kind == "independent":
             return independent_proposal(rng, moving, IndependenceLaw.fitted(resting) if self.law is None else self.law)
         if kind == "differential evolution":
@@ -403,28 +220,7 @@ def move_walkers(
     moves: Moves,
     kind: Kind | None = None,
 ) -> tuple[np.ndarray, int]:
-    """Move one half of every ensemble, in place, with one batched call of the target.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    target : Target
-        What is sampled.
-    moving : EnsembleState
-        The half that moves; its arrays are changed.
-    resting : EnsembleState
-        The other half.
-    moves : Moves
-        Which moves.
-    kind : str, optional
-        Kind of this move; drawn when left out.
-
-    Returns
-    -------
-    tuple of ndarray of bool (ensemble, walker), int
-        Which moved, and how many simulations failed.
-    """
+    """Move one half of every ensemble, in place, with one batched call of the target."""
     proposal, log_factor = moves.propose(rng, moves.kind(rng) if kind is None else kind, moving.phi, resting)
     value, failed = target.evaluate(proposal.reshape(-1, proposal.shape[2]))
     value = value.reshape(log_factor.shape)

@@ -17,22 +17,7 @@ START_EXPONENT = 0.5
 
 
 def tempered_draws(target: Target, seed: int, explorer: SMC = EXPLORER) -> Float[np.ndarray, "particle parameter"]:
-    """Draw from prior × likelihood^½.
-
-    Parameters
-    ----------
-    target : Target
-        It must know its prior.
-    seed : int
-        Seed.
-    explorer : SMC
-        Particles and moves.
-
-    Returns
-    -------
-    ndarray, shape (particle, parameter)
-        In unconstrained coordinates.
-    """
+    """Draw from prior × likelihood^½."""
     blocks: list[Block] = []
     explorer.run(target, seed, None, [], lambda _index, block: blocks.append(block))
     stages = [Population.of(block) for block in blocks]

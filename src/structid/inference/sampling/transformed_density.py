@@ -15,13 +15,6 @@ class InCoordinates(Target):
 
     Two targets whose parameters have other bounds, or other scales, map the same φ to different θ. A sampler that uses both
     at once needs them in one φ. With φ′ the density's own coordinates of θ(φ): log π(φ) = log π(φ′) + log |dφ′/dφ|.
-
-    Parameters
-    ----------
-    density : Target
-        The density.
-    bijection : Bijection
-        Of the other target.
     """
 
     def __init__(self, density: Target, bijection: Bijection) -> None:
@@ -44,69 +37,23 @@ class InCoordinates(Target):
         return own, jacobian - self.density.bijection(own)[1]
 
     def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Log density; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates of the other target.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density with respect to them, and where a simulation failed.
-        """
+        """Log density; see `Target.evaluate`."""
         own, jacobian = self._own(phi)
         value, failed = self.density.evaluate(own)
         return _or_none(value + jacobian), failed
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood; see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates of the other target.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log prior with respect to them, log-likelihood, and where a simulation failed.
-        """
+        """Log prior and log-likelihood; see `Target.evaluate_parts`."""
         own, jacobian = self._own(phi)
         prior, likelihood, failed = self.density.evaluate_parts(own)
         return _or_none(prior + jacobian), _or_none(likelihood), failed
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Log density with respect to the parameters; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            Whatever the coordinates.
-        """
+        """Log density with respect to the parameters; see `Target.log_density`."""
         return self.density.log_density(theta)
 
     def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-        """Draw starting points; see `Target.initial`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates of the other target.
-        """
+        """Draw starting points; see `Target.initial`."""
         return self.bijection.inverse(self.density.bijection(self.density.initial(count, rng))[0])
 
     @property

@@ -53,20 +53,7 @@ ONE_SIDED = 0.5
 
 
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
-    """Ask about what the measured histories show by themselves, without a model.
-
-    Parameters
-    ----------
-    observation : Observation
-        What was measured.
-    units : mapping of str to ChannelUnit
-        Of the channels.
-
-    Returns
-    -------
-    list of str
-        A sentence for each likely fault.
-    """
+    """Ask about what the measured histories show by themselves, without a model."""
     asked = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
         unit = units[channel].display
@@ -82,22 +69,7 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
 
 
 def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
-    """Ask about a second of exact zeros amid motion.
-
-    Parameters
-    ----------
-    name : str
-        Of the history.
-    values : ndarray, shape (time,)
-        The history.
-    dt : float
-        Its time step [s].
-
-    Returns
-    -------
-    str
-        A sentence, empty where there is no gap.
-    """
+    """Ask about a second of exact zeros amid motion."""
     near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
     peak = np.abs(values).max()
     for begin, end in _stretches(values == 0.0):
@@ -111,22 +83,7 @@ def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
 
 
 def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
-    """Ask about flat tops at the largest or the smallest value, which a range that is too small cuts.
-
-    Parameters
-    ----------
-    name : str
-        Of the history.
-    values : ndarray, shape (time,)
-        The history in SI.
-    unit : str
-        In which it is shown.
-
-    Returns
-    -------
-    str
-        A sentence, empty where nothing is cut.
-    """
+    """Ask about flat tops at the largest or the smallest value, which a range that is too small cuts."""
     steps = np.abs(np.diff(values))
     if not steps.any():
         return ""

@@ -21,15 +21,7 @@ from structid.models.traceable import TracedExcitation
 
 
 class ReplicatedPosterior(Target):
-    """The posteriors of many measurements side by side: points come replica by replica, equally many for each.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Prior, model and law that all share.
-    values : sequence of ndarray, shape (replica, time, channel)
-        What each observation shows in every replica.
-    """
+    """The posteriors of many measurements side by side: points come replica by replica, equally many for each."""
 
     def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
         self.names, self.bijection = posterior.names, posterior.bijection
@@ -90,18 +82,7 @@ class ReplicatedPosterior(Target):
         return self._kept_signals[1]
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood; see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates, replica by replica.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log prior with respect to φ, log-likelihood, and where a simulation failed.
-        """
+        """Log prior and log-likelihood; see `Target.evaluate_parts`."""
         lanes = self._in_lanes
         if lanes is not None:
             parts = [lanes(phi[runs], signals) for runs, signals in self._signals(len(phi))]
@@ -119,52 +100,17 @@ class ReplicatedPosterior(Target):
         return prior + jacobian, likelihood, failed
 
     def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Log density; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates, replica by replica.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density, and where a simulation failed.
-        """
+        """Log density; see `Target.evaluate`."""
         prior, likelihood, failed = self.evaluate_parts(phi)
         return prior + likelihood, failed
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Log density with respect to the parameters; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In SI, replica by replica.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            −inf outside the support and where a simulation failed.
-        """
+        """Log density with respect to the parameters; see `Target.log_density`."""
         phi = self.bijection.inverse(theta)
         return np.asarray(self.evaluate(phi)[0] - self.bijection(phi)[1])
 
     def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-        """Draw from the prior; see `Target.initial`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
+        """Draw from the prior; see `Target.initial`."""
         return self._posterior.initial(count, rng)
 
     @property

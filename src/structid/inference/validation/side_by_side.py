@@ -36,44 +36,19 @@ ALIKE, UNLIKE = 0.7, 0.5
 
 @dataclass(frozen=True, eq=False)
 class SideBySide:
-    """One channel of a response as the model has it, and as it was measured.
+    """One channel of a response as the model has it, and as it was measured."""
 
-    Parameters
-    ----------
-    channel, unit : str
-        Its name and display unit.
-    modelled, measured : ndarray, shape (time,)
-        Both histories, in SI, the first one as the instrument would show it.
-    observation : Observation
-        That it was measured in.
-    """
-
-    channel: str
-    unit: str
-    modelled: Float[np.ndarray, " time"]
-    measured: Float[np.ndarray, " time"]
-    observation: Observation
+    channel: str  # Its name and display unit
+    unit: str  # Its name and display unit
+    modelled: Float[np.ndarray, " time"]  # Both histories, in SI, the first one as the instrument would show it
+    measured: Float[np.ndarray, " time"]  # Both histories, in SI, the first one as the instrument would show it
+    observation: Observation  # That it was measured in
 
     @classmethod
     def of(
         cls, response: Mapping[str, np.ndarray], units: Mapping[str, ChannelUnit], observation: Observation
     ) -> tuple[SideBySide, ...]:
-        """Put a response beside an observation, channel by channel.
-
-        Parameters
-        ----------
-        response : mapping of str to ndarray, shape (time,)
-            Histories of the model's channels in SI, on the observation's record.
-        units : mapping of str to ChannelUnit
-            Of the same.
-        observation : Observation
-            What was measured. An instrument shows the response times the gain, of which the median is taken here.
-
-        Returns
-        -------
-        tuple of SideBySide
-            One for each measured channel.
-        """
+        """Put a response beside an observation, channel by channel."""
         gain = 1.0 if observation.gain is None else float(observation.gain.quantile(np.array([0.5]))[0])
         return tuple(
             cls(channel, units[channel].display, gain * response[channel], observation.values[:, i], observation)

@@ -29,24 +29,6 @@ class ExternalModel(Model):
 
     A subclass says how one run is done (`solve`) and what its results depend on (`content_hash`). The rest is here: a child
     process for the run, its time limit, the check of what came back.
-
-    Parameters
-    ----------
-    free : sequence of str
-        Names of the parameters, as the solver knows them.
-    channels : sequence of str
-        What the solver returns, in this order.
-    time_limit : float, optional
-        Seconds a run may take.
-    isolated : bool
-        Do each run in a child process, which can be killed and may crash. Otherwise runs happen in the calling process, without a
-        time limit. This is easier to debug, and works for functions that cannot be sent to another process.
-    version : str
-        Change it when something that `content_hash` cannot see changes, such as a library the solver calls. Stored runs of
-        another version are not taken for this one's.
-    units : mapping of str to str, optional
-        Units in which tables and figures show channels whose names are not standard ones, such as ``{"crack_width": "mm"}``. The
-        solver returns SI.
     """
 
     guarded: ClassVar[bool] = True
@@ -95,27 +77,7 @@ class ExternalModel(Model):
 
     @abstractmethod
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run; called in the child process.
-
-        Parameters
-        ----------
-        task : Task
-            What to run.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        array-like, shape (time,) or (time, channel); mapping of str to array-like; or Histories
-            In SI, at the excitation's samples. Numbers that are not finite mean that the run diverged there.
-
-        Raises
-        ------
-        StructureFailedError
-            If the structure failed.
-        SolverError
-            If the solver failed.
-        """
+        """Do one run; called in the child process."""
 
     def run(
         self,
@@ -124,24 +86,7 @@ class ExternalModel(Model):
         progress: Progress | None = None,
         map: Map | None = None,
     ) -> Histories:
-        """Run rows of parameters one by one; see `Model.run`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        progress : callable, optional
-            Called with the number of finished runs and the total.
-        map : callable, optional
-            Maps the runs, like ``Executor.map``. When left out, they are done one after another.
-
-        Returns
-        -------
-        Histories
-            With status and reason of every run.
-        """
+        """Run rows of parameters one by one; see `Model.run`."""
         call = packed(self, excitation)
         tasks = [self.task(row, excitation) for row in theta]
         outcomes = []
@@ -161,38 +106,12 @@ class ExternalModel(Model):
         )
 
     def task(self, row: Float[np.ndarray, " parameter"], excitation: Excitation, attempts: int = 1) -> Task:
-        """Describe one run.
-
-        Parameters
-        ----------
-        row : ndarray, shape (parameter,)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        attempts : int
-            Number of this attempt at the run.
-
-        Returns
-        -------
-        Task
-            Its name and seed depend on parameters, excitation and model alone.
-        """
+        """Describe one run."""
         key = digest(np.asarray(row, dtype=np.float64), excitation.content_hash, self.content_hash)
         parameters = {name: float(value) for name, value in zip(self.free, row, strict=True)}
         return Task(parameters, f"run-{key}", int(key[:8], 16), attempts)
 
 
 def as_guarded(model: Model) -> ExternalModel:
-    """Return a model that says it is guarded, as an `ExternalModel`.
-
-    Parameters
-    ----------
-    model : Model
-        A model whose runs are done one by one.
-
-    Returns
-    -------
-    ExternalModel
-        The same model.
-    """
+    """Return a model that says it is guarded, as an `ExternalModel`."""
     return cast(ExternalModel, model)

@@ -14,15 +14,7 @@ from structid.core.hashing import digest
 
 
 class FunctionInFile:
-    """A function that another process imports from its file, instead of being sent it.
-
-    Parameters
-    ----------
-    path : Path
-        The file, where every process finds it.
-    name : str
-        The function.
-    """
+    """A function that another process imports from its file, instead of being sent it."""
 
     def __init__(self, path: Path, name: str) -> None:
         self.path, self.name = path, name
@@ -51,23 +43,7 @@ class FunctionInFile:
 
 @functools.cache
 def imported(path: Path) -> Any:
-    """Import a file as a module; what lies beside it can be imported from it.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    module
-        Imported once in a process.
-
-    Raises
-    ------
-    InputError
-        If it cannot be imported.
-    """
+    """Import a file as a module; what lies beside it can be imported from it."""
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     specification = importlib.util.spec_from_file_location(f"structid_study_{path.stem}", path)

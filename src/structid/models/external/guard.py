@@ -26,55 +26,19 @@ from structid.models.external.watchdog import LAST_WORDS, CallDiedError, CallTim
 
 @dataclass(frozen=True)
 class PackedCall:
-    """A model on an excitation, ready to be sent to wherever it is run.
+    """A model on an excitation, ready to be sent to wherever it is run."""
 
-    Parameters
-    ----------
-    key : str
-        Stands for model and excitation.
-    function : bytes or callable
-        Maps a `Task` to an `Outcome`; pickled when the run is isolated.
-    time_limit : float or None
-        Seconds a run may take.
-    shape : tuple of int
-        Samples and channels of a run.
-    scratch : str
-        Where runs leave their files, empty if they leave none.
-    keeps : bool
-        Whether the files of a failed run are kept.
-    preloaded : str
-        Module that a child process imports before its first run.
-    """
-
-    key: str
-    function: Any
-    time_limit: float | None
-    shape: tuple[int, int]
-    scratch: str = ""
-    keeps: bool = True
-    preloaded: str = ""
+    key: str  # Stands for model and excitation
+    function: Any  # Maps a `Task` to an `Outcome`; pickled when the run is isolated
+    time_limit: float | None  # Seconds a run may take
+    shape: tuple[int, int]  # Samples and channels of a run
+    scratch: str = ""  # Where runs leave their files, empty if they leave none
+    keeps: bool = True  # Whether the files of a failed run are kept
+    preloaded: str = ""  # Module that a child process imports before its first run
 
 
 def packed(model: Solver, excitation: Excitation) -> PackedCall:
-    """Pack a model and an excitation for `attempt`.
-
-    Parameters
-    ----------
-    model : Solver
-        The model.
-    excitation : Excitation
-        What drives it.
-
-    Returns
-    -------
-    PackedCall
-        To be pickled or not, as the executor likes.
-
-    Raises
-    ------
-    InputError
-        If the model cannot be sent to another process.
-    """
+    """Pack a model and an excitation for `attempt`."""
     function: Any = functools.partial(_solved, model, excitation)
     if model.isolated:
         try:
@@ -96,13 +60,7 @@ _guards = threading.local()
 
 
 def guard_of_this_thread() -> Watchdog:
-    """Return the child process that does this thread's runs.
-
-    Returns
-    -------
-    Watchdog
-        Its owner; made with the first call.
-    """
+    """Return the child process that does this thread's runs."""
     guard: Watchdog | None = getattr(_guards, "watchdog", None)
     if guard is None or _guards.process != os.getpid():  # a forked worker must not share its parent's child
         guard = _guards.watchdog = Watchdog()
@@ -111,20 +69,7 @@ def guard_of_this_thread() -> Watchdog:
 
 
 def attempt(call: PackedCall, task: Task) -> Outcome:
-    """Do one run, guarded; every executor calls this.
-
-    Parameters
-    ----------
-    call : PackedCall
-        Model and excitation.
-    task : Task
-        What to run.
-
-    Returns
-    -------
-    Outcome
-        Always: a crash, a hang and an exception are outcomes too.
-    """
+    """Do one run, guarded; every executor calls this."""
     if not isinstance(call.function, bytes):
         here: Outcome = call.function(task)
         return here

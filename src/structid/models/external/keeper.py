@@ -60,15 +60,7 @@ class _Runner:
 
 
 class Keeper:
-    """The loop between the owner and the runner.
-
-    Parameters
-    ----------
-    channel : Connection
-        To the owner.
-    lifeline : int
-        Closes when the owner dies.
-    """
+    """The loop between the owner and the runner."""
 
     def __init__(self, channel: Connection, lifeline: int) -> None:
         self._channel, self._lifeline = channel, lifeline
@@ -189,31 +181,14 @@ def _told(problem: Exception, as_object: bool) -> bytes:
 
 
 def die_with_the_owner(lifeline: int) -> None:
-    """Wait until the owner has gone, then kill the whole process group.
-
-    Parameters
-    ----------
-    lifeline : int
-        The reading end of a pipe whose other end only the owner holds.
-    """
+    """Wait until the owner has gone, then kill the whole process group."""
     with contextlib.suppress(OSError):
         os.read(lifeline, 1)
     os.killpg(0, signal.SIGKILL)
 
 
 def ended_by(code: int) -> str:
-    """Say in words how a process ended.
-
-    Parameters
-    ----------
-    code : int
-        Its return code, negative for a signal.
-
-    Returns
-    -------
-    str
-        ``"killed by signal 11 (SIGSEGV)"`` or ``"exit code 3"``.
-    """
+    """Say in words how a process ended."""
     if code >= 0:
         return f"exit code {code}"
     with contextlib.suppress(ValueError):

@@ -296,18 +296,7 @@ class ProgramModel(ExternalModel):
 
 
 def split_command(command: str) -> list[str]:
-    """Split a command line into words as a shell would; what stands between double braces is one piece.
-
-    Parameters
-    ----------
-    command : str
-        With jinja2's ``{{ … }}`` in it.
-
-    Returns
-    -------
-    list of str
-        Its words, braces and all.
-    """
+    """Split a command line into words as a shell would; what stands between double braces is one piece."""
     pieces: list[str] = []
 
     def put_aside(found: re.Match[str]) -> str:
@@ -332,27 +321,7 @@ def _rendered(text: str, names: Mapping[str, Any]) -> str:
 
 
 def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Float[np.ndarray, "time channel"]:
-    """Read the histories a program has written.
-
-    Parameters
-    ----------
-    scratch : Path
-        Its folder.
-    output : OutputFile
-        Where they are.
-    excitation : Excitation
-        What drove it, for its samples.
-
-    Returns
-    -------
-    ndarray, shape (time, channel)
-        In SI; as many rows as there are.
-
-    Raises
-    ------
-    SolverError
-        If the file is not there, is empty, or has no such column.
-    """
+    """Read the histories a program has written."""
     path = scratch / output.file
     if not path.is_file():
         there = ", ".join(sorted(p.name for p in scratch.iterdir())) or "nothing"

@@ -18,49 +18,23 @@ STANDARD_OUTPUT = "output.txt"
 
 @dataclass(frozen=True)
 class Task:
-    """One run to be done.
+    """One run to be done."""
 
-    Parameters
-    ----------
-    parameters : dict of str to float
-        In SI, by name.
-    name : str
-        Name of its scratch folder.
-    seed : int
-        For a solver that draws random numbers; the same for the same run on any executor.
-    attempt : int
-        Number of this attempt at the run.
-    """
-
-    parameters: dict[str, float]
-    name: str
-    seed: int
-    attempt: int = 1
+    parameters: dict[str, float]  # In SI, by name
+    name: str  # Name of its scratch folder
+    seed: int  # For a solver that draws random numbers; the same for the same run on any executor
+    attempt: int = 1  # Number of this attempt at the run
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one run.
+    """What became of one run."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (time, channel)
-        What it produced in SI; NaN where it produced nothing.
-    status : Status
-        How it ended.
-    reason : str
-        Why, if it did not reach its end.
-    failure_time : float
-        Time from which there is no response [s]; NaN for a run that is done.
-    seconds : float
-        Wall time.
-    """
-
-    values: Float[np.ndarray, "time channel"]
-    status: Status = Status.DONE
-    reason: str = ""
-    failure_time: float = float("nan")
-    seconds: float = 0.0
+    values: Float[np.ndarray, "time channel"]  # What it produced in SI; NaN where it produced nothing
+    status: Status = Status.DONE  # How it ended
+    reason: str = ""  # Why, if it did not reach its end
+    failure_time: float = float("nan")  # Time from which there is no response [s]; NaN for a run that is done
+    seconds: float = 0.0  # Wall time
 
 
 class SolverError(Exception):
@@ -95,57 +69,19 @@ class StructureFailedError(SolverError):
 
 
 class Solver(Protocol):
-    """An external solver as the guard sees it: one run at a time, from parameters and excitation.
+    """An external solver as the guard sees it: one run at a time, from parameters and excitation."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        What a run returns.
-    time_limit : float or None
-        Seconds a run may take.
-    isolated : bool
-        Whether a run happens in a child process.
-    scratch : Path or None
-        Where runs leave their files, if they leave any.
-    keeps_failed : bool
-        Whether the files of a failed run are kept.
-    kept : Path or None
-        Where the last run's files are, if they were kept. Known only to the process that did the run.
-    preloaded : str
-        Module that a child process imports before the first run, so that a new one starts in milliseconds.
-    """
-
-    channels: tuple[str, ...]
-    time_limit: float | None
-    isolated: bool
-    scratch: Path | None
-    keeps_failed: bool
-    kept: Path | None
-    preloaded: str
+    channels: tuple[str, ...]  # What a run returns
+    time_limit: float | None  # Seconds a run may take
+    isolated: bool  # Whether a run happens in a child process
+    scratch: Path | None  # Where runs leave their files, if they leave any
+    keeps_failed: bool  # Whether the files of a failed run are kept
+    kept: Path | None  # Where the last run's files are, if they were kept. Known only to the process that did the run
+    preloaded: str  # Module that a child process imports before the first run, so that a new one starts in milliseconds
 
     @property
     def content_hash(self) -> str:
         """Hash of everything a response depends on besides parameters and excitation."""
 
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run; called in the child process.
-
-        Parameters
-        ----------
-        task : Task
-            What to run.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        array-like, shape (time,) or (time, channel); mapping of str to array-like; or Histories
-            In SI, at the excitation's samples. Numbers that are not finite mean that the run diverged there.
-
-        Raises
-        ------
-        StructureFailedError
-            If the structure failed.
-        SolverError
-            If the solver failed.
-        """
+        """Do one run; called in the child process."""

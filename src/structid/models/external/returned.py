@@ -15,22 +15,7 @@ from structid.models.external.protocol import Outcome
 
 
 def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
-    """Check what a solver returned against what it should be: shape, length, finite numbers.
-
-    Parameters
-    ----------
-    result : Any
-        What came.
-    excitation : Excitation
-        What drove it.
-    channels : tuple of str
-        What was asked for.
-
-    Returns
-    -------
-    Outcome
-        Done; diverged from the first number that is not finite; or failed, with what is wrong and what is there.
-    """
+    """Check what a solver returned against what it should be: shape, length, finite numbers."""
     samples = len(excitation)
     wanted = f"{samples} rows of {', '.join(channels)}"
     nothing = np.full((samples, len(channels)), np.nan)
@@ -59,26 +44,7 @@ def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Ou
 def failed(
     reason: str, excitation: Excitation, channels: tuple[str, ...], partial: Any, status: Status = Status.FAILED
 ) -> Outcome:
-    """Put together the outcome of a run that ended early, with what it produced until then.
-
-    Parameters
-    ----------
-    reason : str
-        Why it ended.
-    excitation : Excitation
-        What drove it.
-    channels : tuple of str
-        What was asked for.
-    partial : Any
-        What came before the end, as a solver returns histories, or None.
-    status : Status
-        Whether the run or the structure failed.
-
-    Returns
-    -------
-    Outcome
-        NaN from where there is nothing.
-    """
+    """Put together the outcome of a run that ended early, with what it produced until then."""
     values = (
         np.full((len(excitation), len(channels)), np.nan)
         if partial is None

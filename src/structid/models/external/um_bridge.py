@@ -155,105 +155,41 @@ def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -
 
 
 class Served:
-    """What ``umbridge.serve_models`` asks of every model besides its values.
-
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    differentiable : bool
-        Whether there are first derivatives.
-    """
+    """What ``umbridge.serve_models`` asks of every model besides its values."""
 
     def __init__(self, name: str, differentiable: bool) -> None:
         self.name, self._differentiable = name, differentiable
 
     def supports_evaluate(self) -> bool:
-        """Whether it can be evaluated.
-
-        Returns
-        -------
-        bool
-            True.
-        """
+        """Whether it can be evaluated."""
         return True
 
     def supports_gradient(self) -> bool:
-        """Whether a linear function of its output has a gradient.
-
-        Returns
-        -------
-        bool
-            True for built-in models.
-        """
+        """Whether a linear function of its output has a gradient."""
         return self._differentiable
 
     def supports_apply_jacobian(self) -> bool:
-        """Whether its output has directional derivatives.
-
-        Returns
-        -------
-        bool
-            True for built-in models.
-        """
+        """Whether its output has directional derivatives."""
         return self._differentiable
 
     def supports_apply_hessian(self) -> bool:
-        """Whether there are second derivatives.
-
-        Returns
-        -------
-        bool
-            False.
-        """
+        """Whether there are second derivatives."""
         return False
 
 
 class ServedModel(Served):
-    """One of structid's models with the interface that ``umbridge.serve_models`` asks for.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    excitation : Excitation
-        What drives it, unless a request brings its own ``config["record"]`` of the same kind (``dt`` and ``values`` in SI).
-    name : str
-        What it is called.
-    """
+    """One of structid's models with the interface that ``umbridge.serve_models`` asks for."""
 
     def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
         super().__init__(name, model.traceable)
         self.model, self.excitation = model, excitation
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the input vectors: one, the free parameters in SI.
-
-        Parameters
-        ----------
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of int
-            The lengths.
-        """
+        """Lengths of the input vectors: one, the free parameters in SI."""
         return [len(self.model.free)]
 
     def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the output vectors: one for each channel.
-
-        Parameters
-        ----------
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of int
-            The lengths.
-        """
+        """Lengths of the output vectors: one for each channel."""
         return [len(self._driven_by(config))] * len(self.model.channels)
 
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
@@ -271,24 +207,7 @@ class ServedModel(Served):
     def apply_jacobian(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Derivative of one channel in a direction of parameter space.
-
-        Parameters
-        ----------
-        out_wrt, in_wrt : int
-            Which output and input vector.
-        parameters : list of list of float
-            The input vectors.
-        vec : list of float
-            The direction.
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of float
-            J v, as long as the output vector.
-        """
+        """Derivative of one channel in a direction of parameter space."""
         import jax
 
         channel = self._channel(out_wrt, config)
@@ -298,24 +217,7 @@ class ServedModel(Served):
     def gradient(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Gradient of a linear function of one channel.
-
-        Parameters
-        ----------
-        out_wrt, in_wrt : int
-            Which output and input vector.
-        parameters : list of list of float
-            The input vectors.
-        sens : list of float
-            The function's coefficients, as long as the output vector.
-        config : mapping
-            Of the request.
-
-        Returns
-        -------
-        list of float
-            sᵀ J, as long as the input vector.
-        """
+        """Gradient of a linear function of one channel."""
         import jax
 
         _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
@@ -337,20 +239,7 @@ class ServedModel(Served):
 
 
 def check_address(host: str, port: int) -> None:
-    """Refuse an address at which this machine cannot listen.
-
-    Parameters
-    ----------
-    host : str
-        A name or number.
-    port : int
-        Its port.
-
-    Raises
-    ------
-    InputError
-        If it is nobody's, or taken.
-    """
+    """Refuse an address at which this machine cannot listen."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -365,33 +254,12 @@ def check_address(host: str, port: int) -> None:
 
 
 def is_this_machine(host: str) -> bool:
-    """Whether an address is reached from this machine only.
-
-    Parameters
-    ----------
-    host : str
-        A name or number.
-
-    Returns
-    -------
-    bool
-        True for ``"127.0.0.1"`` and ``"localhost"``.
-    """
+    """Whether an address is reached from this machine only."""
     return all(ipaddress.ip_address(found[4][0]).is_loopback for found in socket.getaddrinfo(host, None))
 
 
 def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.1") -> None:
-    """Serve models over HTTP until the process is stopped.
-
-    Parameters
-    ----------
-    models : sequence of ServedModel
-        What to offer.
-    port : int
-        Where.
-    host : str
-        Address to listen at; by default this machine's own, which no other machine reaches. There is no password.
-    """
+    """Serve models over HTTP until the process is stopped."""
     try:
         import umbridge
         from aiohttp import web

@@ -97,37 +97,7 @@ class Watchdog:
     def call(
         self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None, preloaded: str = ""
     ) -> Any:
-        """Run a function where it can do no harm.
-
-        Parameters
-        ----------
-        key : str
-            Name of the function; the same name stands for the same bytes, which are sent once.
-        function : bytes
-            The function, pickled by `cloudpickle`.
-        arguments : tuple
-            Its arguments.
-        time_limit : float or None
-            Seconds it may take.
-        preloaded : str
-            Module that a keeper imports when it is started for this call.
-
-        Returns
-        -------
-        Any
-            What it returns.
-
-        Raises
-        ------
-        CallTimeoutError
-            If it took too long.
-        CallDiedError
-            If its process died of it.
-        NotLoadedError
-            If the function could not be loaded there.
-        Exception
-            Whatever the function raised.
-        """
+        """Run a function where it can do no harm."""
         kept = self._kept or self._start(preloaded)
         if self._killed:  # while it was being started
             self.close()
@@ -156,13 +126,7 @@ class Watchdog:
         raise kind(with_words(answer[1:].decode(), self.last_words()))
 
     def last_words(self) -> str:
-        """Return the end of what was said in the last call.
-
-        Returns
-        -------
-        str
-            Standard output and error, at most `LAST_WORDS` characters.
-        """
+        """Return the end of what was said in the last call."""
         return "" if self._kept is None else _tail(self._kept.voice)
 
     def kill(self) -> None:

@@ -10,16 +10,6 @@ def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, 
 
     The benchmark's m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β (γ |ẏ| |z|^(ν−1) z + δ ẏ |z|^ν) is the oscillator with
     k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are the same.
-
-    Parameters
-    ----------
-    k, alpha, beta, gamma, delta, nu : float or array
-        The benchmark's parameters.
-
-    Returns
-    -------
-    dict of str to float or array
-        ``stiffness``, ``alpha``, ``beta``, ``gamma`` and ``exponent`` of `BoucWen`.
     """
     shape = beta * alpha ** (nu - 1.0)
     return {

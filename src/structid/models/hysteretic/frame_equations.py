@@ -14,25 +14,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class FrameEquations(HystereticSystem):
-    """m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1); every part of the state is (storey, run).
-
-    Parameters
-    ----------
-    storeys : int
-        N.
-    channels : tuple of str
-        What is recorded.
-    values : dict
-        Every parameter by name, see `ShearFrame`.
-    kind : str
-        How the excitation acts: on the base, or as a force on the top floor.
-    runs : int
-        How many.
-    damping : str or ndarray
-        ``"modal"``, ``"rayleigh"``, or the matrix C.
-    rayleigh_mode : int
-        The second mode with ζ.
-    """
+    """m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1); every part of the state is (storey, run)."""
 
     def __init__(
         self,
@@ -80,18 +62,7 @@ class FrameEquations(HystereticSystem):
         return (k + above)[:, :, None] * jnp.eye(self.storeys) - upper - upper.swapaxes(1, 2)
 
     def initial_state(self, zero: Float[Array, "storey run"]) -> State:
-        """The frame at rest.
-
-        Parameters
-        ----------
-        zero : jax.Array, shape (storey, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            Every part of that shape.
-        """
+        """The frame at rest."""
         return self.with_energies({"u": zero, "v": zero, "z": zero}, zero)
 
     def largest_square_of_frequency(self) -> Any:
@@ -100,54 +71,19 @@ class FrameEquations(HystereticSystem):
         return (2.0 * (self.stiffness + above) / self.mass).max(axis=0)
 
     def deformation(self, motion: Float[Array, "storey run"]) -> Float[Array, "storey run"]:
-        """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`.
-
-        Parameters
-        ----------
-        motion : jax.Array, shape (storey, run)
-            Displacements or velocities of the floors.
-
-        Returns
-        -------
-        jax.Array, shape (storey, run)
-            Of the storeys.
-        """
+        """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`."""
         return motion - jnp.concatenate([jnp.zeros_like(motion[:1]), motion[:-1]])
 
     def spring_force(
         self, deformation: Float[Array, "storey run"], z: Float[Array, "storey run"]
     ) -> Float[Array, "storey run"]:
-        """Storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`.
-
-        Parameters
-        ----------
-        deformation, z : jax.Array, shape (storey, run)
-            d and z [m].
-
-        Returns
-        -------
-        jax.Array, shape (storey, run)
-            [N].
-        """
+        """Storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`."""
         return self.stiffness * (self.law.alpha * deformation + (1.0 - self.law.alpha) * z)
 
     def acceleration(
         self, u: Float[Array, "storey run"], v: Float[Array, "storey run"], z: Float[Array, "storey run"], signal: Any
     ) -> Float[Array, "storey run"]:
-        """Accelerations of the floors; see `HystereticSystem.acceleration`.
-
-        Parameters
-        ----------
-        u, v, z : jax.Array, shape (storey, run)
-            Displacements, velocities, hysteretic displacements.
-        signal : array
-            Ground acceleration [m/s²], or force on the top floor [N].
-
-        Returns
-        -------
-        jax.Array, shape (storey, run)
-            [m/s²].
-        """
+        """Accelerations of the floors; see `HystereticSystem.acceleration`."""
         shear = self.spring_force(self.deformation(u), z)
         above = jnp.concatenate([shear[1:], jnp.zeros_like(shear[:1])])
         damping = jnp.einsum("ijr,jr->ir", self.viscous, v)
@@ -157,20 +93,7 @@ class FrameEquations(HystereticSystem):
         return motion - signal
 
     def observe(self, state: State, signal: Any) -> Float[Array, "channel run"]:
-        """Return the channels at a sample.
-
-        Parameters
-        ----------
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            In SI.
-        """
+        """Return the channels at a sample."""
         rows = []
         for channel in self.channels:
             name, _, number = channel.rpartition("_")
@@ -181,17 +104,6 @@ class FrameEquations(HystereticSystem):
 
 
 def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarray, "storey storey"]:
-    """Tridiagonal stiffness matrix of storeys from the ground up.
-
-    Parameters
-    ----------
-    stiffness : ndarray, shape (storey,)
-        Initial stiffnesses [N/m].
-
-    Returns
-    -------
-    ndarray, shape (storey, storey)
-        K [N/m].
-    """
+    """Tridiagonal stiffness matrix of storeys from the ground up."""
     matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
     return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)

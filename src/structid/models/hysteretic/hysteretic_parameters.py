@@ -40,27 +40,7 @@ DEFAULT_SUBSTEPS = 3
 
 
 def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the free names as a tuple if the model has them all.
-
-    Parameters
-    ----------
-    model : str
-        The model's name, for the message.
-    free : sequence of str
-        The names.
-    known_names : tuple of str
-        The model's parameters.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-
-    Raises
-    ------
-    InputError
-        If one is unknown or repeated.
-    """
+    """Return the free names as a tuple if the model has them all."""
     names = (free,) if isinstance(free, str) else tuple(free)
     for name in names:
         if name not in known_names:
@@ -76,25 +56,7 @@ def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str
 
 
 def finite_number(where: str, value: Any) -> float:
-    """Return a value as a finite float.
-
-    Parameters
-    ----------
-    where : str
-        The argument, for the message.
-    value : object
-        What came.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return a value as a finite float."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -105,22 +67,7 @@ def finite_number(where: str, value: Any) -> float:
 
 
 def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]) -> str | None:
-    """SI unit of a parameter in a study; β and γ are in m⁻ⁿ, which is known only where n is.
-
-    Parameters
-    ----------
-    name : str
-        Without the number of a storey.
-    given : mapping of str to object
-        Parameters that are known.
-    unknown : collection of str
-        Names of the unknown and the derived ones.
-
-    Returns
-    -------
-    str or None
-        Empty for a pure number, and for β and γ where n is not known; None for a parameter that is not standard.
-    """
+    """SI unit of a parameter in a study; β and γ are in m⁻ⁿ, which is known only where n is."""
     if name not in ("beta", "gamma"):
         return PARAMETER_UNITS.get(name)
     exponent = given.get("exponent")
@@ -130,39 +77,12 @@ def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]
 
 
 def unit_of_shape(exponent: float) -> str:
-    """SI unit of β and γ with a known exponent.
-
-    Parameters
-    ----------
-    exponent : float
-        n.
-
-    Returns
-    -------
-    str
-        That of m⁻ⁿ.
-    """
+    """SI unit of β and γ with a known exponent."""
     return "1/m" if exponent == 1.0 else f"1/m^{exponent:g}"
 
 
 def refuse_units_of_shapes(table: Any) -> Any:
-    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly.
-
-    Parameters
-    ----------
-    table : object
-        A table of a study file, as TOML gives it.
-
-    Returns
-    -------
-    object
-        The same.
-
-    Raises
-    ------
-    InputError
-        If β or γ is a text with a unit.
-    """
+    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly."""
     if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
         for name in ("beta", "gamma"):
             if isinstance(table.get(name), str):

@@ -24,18 +24,7 @@ KINDS = {"m": DisplacementHistory.kind, "rad": RotationHistory.kind}
 
 
 def force_channels(units: Sequence[str]) -> tuple[str, ...]:
-    """Name the forces against displacements.
-
-    Parameters
-    ----------
-    units : sequence of str
-        ``"m"`` or ``"rad"`` of every displacement.
-
-    Returns
-    -------
-    tuple of str
-        ``"restoring_force"`` for one, or ``"restoring_force_1"``, ``"moment_2"``, …
-    """
+    """Name the forces against displacements."""
     if len(units) == 1:
         return ("moment",) if units[0] == "rad" else ("restoring_force",)
     return tuple(f"{'moment' if unit == 'rad' else 'restoring_force'}_{k}" for k, unit in enumerate(units, start=1))

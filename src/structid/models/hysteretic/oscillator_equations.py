@@ -17,17 +17,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class OscillatorEquations(HystereticSystem):
-    """u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the states that are needed.
-
-    Parameters
-    ----------
-    values : dict
-        Every parameter by name: floats where fixed, arrays over runs where free.
-    channels : tuple of str
-        What is recorded.
-    kind : str
-        How the excitation acts: on the base, as a force, or as an imposed displacement.
-    """
+    """u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the states that are needed."""
 
     def __init__(self, values: dict[str, Any], channels: tuple[str, ...], kind: str) -> None:
         law = Law(**{name: values[name] for name in Law._fields})
@@ -45,18 +35,7 @@ class OscillatorEquations(HystereticSystem):
         return 2.0 * (0.0 if ratio is None else ratio) * jnp.sqrt(omega_squared)
 
     def initial_state(self, like: Float[Array, " run"]) -> State:
-        """State at the first sample.
-
-        Parameters
-        ----------
-        like : jax.Array, shape (run,)
-            Any value for each run.
-
-        Returns
-        -------
-        dict
-            Every part of shape (run,).
-        """
+        """State at the first sample."""
         zero = jnp.zeros_like(like)
         state = {"z": zero + self.values["initial_hysteretic_displacement"]}
         if not self.driven:
@@ -65,18 +44,7 @@ class OscillatorEquations(HystereticSystem):
         return self.with_energies(state, zero)
 
     def inputs(self, step: float) -> Callable[[Any], tuple[Any, Any, Any]]:
-        """Return the function from the excitation at start, middle and end of a step to the inputs of `rate`.
-
-        Parameters
-        ----------
-        step : float
-            Length of the step [s].
-
-        Returns
-        -------
-        callable
-            Gives the values themselves, or displacement and velocity where these are imposed.
-        """
+        """Return the function from the excitation at start, middle and end of a step to the inputs of `rate`."""
         if not self.driven:
             return lambda stage: (stage[0], stage[1], stage[2])
 
@@ -88,20 +56,7 @@ class OscillatorEquations(HystereticSystem):
         return displacement_and_velocity
 
     def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
-        """Displacement and velocity, imposed or of the state; see `HystereticSystem.kinematics`.
-
-        Parameters
-        ----------
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation, or displacement and velocity.
-
-        Returns
-        -------
-        tuple of array
-            u [m] and u′ [m/s].
-        """
+        """Displacement and velocity, imposed or of the state; see `HystereticSystem.kinematics`."""
         imposed: tuple[Any, Any] = signal
         return imposed if self.driven else (state["u"], state["v"])
 
@@ -110,18 +65,7 @@ class OscillatorEquations(HystereticSystem):
         return 0.0 * self.omega_squared if self.driven else self.omega_squared
 
     def deformation(self, motion: Any) -> Any:
-        """The spring deforms as the mass moves; see `HystereticSystem.deformation`.
-
-        Parameters
-        ----------
-        motion : array
-            Displacement or velocity.
-
-        Returns
-        -------
-        array
-            The same.
-        """
+        """The spring deforms as the mass moves; see `HystereticSystem.deformation`."""
         return motion
 
     def _force_per_mass(self, u: Any, z: Any) -> Any:
@@ -129,53 +73,16 @@ class OscillatorEquations(HystereticSystem):
         return self.elastic * u + self.hysteretic * z
 
     def spring_force(self, deformation: Any, z: Any) -> Any:
-        """Restoring force; see `HystereticSystem.spring_force`.
-
-        Parameters
-        ----------
-        deformation, z : array
-            u and z [m].
-
-        Returns
-        -------
-        array
-            m [α ω² u + (1 − α) ω² z], in N.
-        """
+        """Restoring force; see `HystereticSystem.spring_force`."""
         return self.mass * self._force_per_mass(deformation, z)
 
     def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
-        """Acceleration of the mass; see `HystereticSystem.acceleration`.
-
-        Parameters
-        ----------
-        u, v, z : array
-            Displacement, velocity, hysteretic displacement.
-        signal : array
-            Ground acceleration [m/s²] or force [N].
-
-        Returns
-        -------
-        array
-            [m/s²].
-        """
+        """Acceleration of the mass; see `HystereticSystem.acceleration`."""
         # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m instead of −a_g                     [3.12]
         drive = signal / self.mass if self.kind == "force" else -signal
         return drive - self.viscous * v - self._force_per_mass(u, z)
 
     def observe(self, state: State, signal: Any) -> Float[Array, "channel run"]:
-        """Return the channels at a sample.
-
-        Parameters
-        ----------
-        state : dict
-            The state.
-        signal : array
-            Value of the excitation, or displacement and velocity.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            In SI.
-        """
+        """Return the channels at a sample."""
         zero = jnp.zeros_like(state["z"])  # an imposed motion is the same for all runs
         return jnp.stack([self.channel(name, state, signal) + zero for name in self.channels])

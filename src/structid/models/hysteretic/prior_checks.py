@@ -38,22 +38,7 @@ TOLERATED = 0.01
 
 
 def check_value(where: str, name: str, value: float) -> None:
-    """Refuse a value that is not physical.
-
-    Parameters
-    ----------
-    where : str
-        The argument, for the message.
-    name : str
-        The parameter, without the number of a storey.
-    value : float
-        In SI.
-
-    Raises
-    ------
-    InputError
-        If it lies outside `PHYSICAL_RANGES`.
-    """
+    """Refuse a value that is not physical."""
     low, high = PHYSICAL_RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
         share = f"{value:g} % is {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
@@ -61,22 +46,7 @@ def check_value(where: str, name: str, value: float) -> None:
 
 
 def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:
-    """Refuse priors in a unit of another dimension, and those of which a good part is not physical. Warn where |γ| > β.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The unknown parameters.
-    free : sequence of str
-        The model's free parameters.
-    model : object
-        What has the others as attributes.
-
-    Raises
-    ------
-    InputError
-        For the first that is wrong.
-    """
+    """Refuse priors in a unit of another dimension, and those of which a good part is not physical. Warn where |γ| > β."""
     for name in set(free) & set(space.names):
         unit, own = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
         if own and _plain(name) in ("beta", "gamma"):
@@ -126,20 +96,7 @@ def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
 
 
 def unstable_share(space: ParameterSpace, model: object) -> float:
-    """Give the share of the prior in which |γ| > β, where the response need not stay bounded.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The unknown parameters.
-    model : object
-        What has the others as attributes: numbers, or one for each storey.
-
-    Returns
-    -------
-    float
-        From 0 to 1, of the spring in which it is largest; 0 where γ and β are not both known.
-    """
+    """Give the share of the prior in which |γ| > β, where the response need not stay bounded."""
     free = [name for name in space.all_names if _plain(name) in _SHAPES]
     columns = np.asarray(space.sample(DRAWS, 0, "sobol").columns(free)).T if free else ()
     values = _fixed_shapes(model) | dict(zip(free, columns, strict=True))
@@ -148,18 +105,7 @@ def unstable_share(space: ParameterSpace, model: object) -> float:
 
 
 def unstable_in_words(share: float) -> str:
-    """Ask about a share that is more than a tail.
-
-    Parameters
-    ----------
-    share : float
-        See `unstable_share`.
-
-    Returns
-    -------
-    str
-        Empty if there is nothing to ask.
-    """
+    """Ask about a share that is more than a tail."""
     if share <= TOLERATED:
         return ""
     return (

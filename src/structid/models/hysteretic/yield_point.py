@@ -13,16 +13,6 @@ def yield_point(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
     u_y = z_u/A₀,   z_u = [A₀/(β+γ)]^(1/n)                             [3.10, without degradation]
     F_y = [α + (1−α) A₀] k_i u_y
-
-    Parameters
-    ----------
-    values : mapping of str to float or ndarray
-        ``stiffness``, ``alpha``, ``beta``, ``gamma``, ``exponent`` and ``amplitude`` in SI.
-
-    Returns
-    -------
-    tuple of ndarray
-        Displacement [m] and force [N]; infinite where β + γ is not positive, for the spring stiffens there.
     """
     alpha, amplitude = values["alpha"], values["amplitude"]
     both = np.asarray(values["beta"] + values["gamma"], dtype=np.float64)

@@ -25,16 +25,6 @@ def von_mises_strain(strain_x: Any, strain_y: Any, shear: Any) -> Any:
     """Von Mises' strain in the plane, ε_v = √(ε_x² − ε_x ε_y + ε_y² + ¾ γ_xy²).
 
     It is √(ε₁² − ε₁ ε₂ + ε₂²) of the principal strains: of a bar that is only stretched it is the strain itself.
-
-    Parameters
-    ----------
-    strain_x, strain_y, shear : array
-        ε_x, ε_y and γ_xy.
-
-    Returns
-    -------
-    array
-        ε_v.
     """
     return np.sqrt(strain_x**2 - strain_x * strain_y + strain_y**2 + 0.75 * shear**2)
 

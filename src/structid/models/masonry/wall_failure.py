@@ -12,22 +12,7 @@ from structid.models.masonry.finite_elements.mesh import Mesh
 
 
 def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histories:
-    """Put runs that were done again, and went further, in the place of the first ones.
-
-    Parameters
-    ----------
-    all_runs : Histories
-        Of the first time.
-    rows : ndarray of int
-        Which were done again.
-    again : Histories
-        Those.
-
-    Returns
-    -------
-    Histories
-        Of the same runs.
-    """
+    """Put runs that were done again, and went further, in the place of the first ones."""
     further = again.done | (np.nan_to_num(again.failure_time) > all_runs.failure_time[rows])
     values, status, time = all_runs.values.copy(), all_runs.status.copy(), all_runs.failure_time.copy()
     reasons = list(all_runs.reasons)
@@ -39,24 +24,7 @@ def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histor
 
 
 def judged(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, ...]) -> Histories:
-    """Say of every run that ended early why it did, and leave the channels that were only watched out.
-
-    Parameters
-    ----------
-    found : Histories
-        With ``support_lost`` and ``weakest_joint``.
-    mesh : Mesh
-        The wall's.
-    shortest : float
-        Shortest step that was tried [s].
-    channels : tuple of str
-        Those that are wanted.
-
-    Returns
-    -------
-    Histories
-        NaN from where a run has failed.
-    """
+    """Say of every run that ended early why it did, and leave the channels that were only watched out."""
     lost, weakest = found.channel("support_lost"), found.channel("weakest_joint")
     values = found.values[:, :, [found.channels.index(c) for c in channels]].copy()
     status, time, reasons = found.status.copy(), found.failure_time.copy(), list(found.reasons)

@@ -31,25 +31,14 @@ GRID = 0.025
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class WallFilm:
-    """The motion of every node of a wall in one run.
+    """The motion of every node of a wall in one run."""
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The wall.
-    dt : float
-        Step of the samples [s].
-    displacements : ndarray, shape (time, node, 2)
-        From the unloaded wall [m]; as far as the run goes.
-    drift, base_shear : ndarray, shape (time,)
-        Of the top left corner from rest [m]; [N].
-    """
-
-    mesh: Mesh
-    dt: float
+    mesh: Mesh  # The wall
+    dt: float  # Step of the samples [s]
+    # From the unloaded wall [m]; as far as the run goes
     displacements: Float[np.ndarray, "time node 2"] = field(repr=False)
-    drift: Float[np.ndarray, " time"] = field(repr=False)
-    base_shear: Float[np.ndarray, " time"] = field(repr=False)
+    drift: Float[np.ndarray, " time"] = field(repr=False)  # Of the top left corner from rest [m]; [N]
+    base_shear: Float[np.ndarray, " time"] = field(repr=False)  # Of the top left corner from rest [m]; [N]
 
     @property
     def time(self) -> np.ndarray:
@@ -74,18 +63,7 @@ class WallFilm:
         return found
 
     def milestones(self, count: int = MILESTONES) -> list[int]:
-        """Choose the instants that tell most: the largest excursions of the drift, one of each swing to a side.
-
-        Parameters
-        ----------
-        count : int
-            How many at most.
-
-        Returns
-        -------
-        list of int
-            Numbers of samples, in time.
-        """
+        """Choose the instants that tell most: the largest excursions of the drift, one of each swing to a side."""
         swings = np.split(np.arange(len(self.drift)), np.flatnonzero(np.diff(np.sign(self.drift))) + 1)
         extremes = [int(s[np.argmax(np.abs(self.drift[s]))]) for s in swings if len(s)]
         extremes = [i for i in extremes if self.drift[i]]
@@ -94,20 +72,7 @@ class WallFilm:
 
     @check_arguments
     def displacement_field(self, instants: Sequence[int] | None = None, step: float = GRID) -> DisplacementField:
-        """Displacements from rest on a regular grid, as a camera sees them.
-
-        Parameters
-        ----------
-        instants : sequence of int, optional
-            Numbers of samples; the milestones when left out.
-        step : float
-            Of the grid [m]; it is shortened to divide width and height.
-
-        Returns
-        -------
-        DisplacementField
-            NaN in the openings.
-        """
+        """Displacements from rest on a regular grid, as a camera sees them."""
         chosen = self.milestones() if instants is None else list(instants)
         wall, u = self.mesh.wall, self.since_rest[chosen]
         if not 0.0 < step <= min(wall.width, wall.height):
@@ -139,22 +104,7 @@ class WallFilm:
         scale: float | None = None,
         save: str | os.PathLike[str] | None = None,
     ) -> Figure:
-        """Draw the deformed wall, its joints coloured by how far they are open.
-
-        Parameters
-        ----------
-        instants : sequence of int, optional
-            Numbers of samples; the milestones when left out.
-        scale : float, optional
-            What displacements are multiplied by; so that the largest is a tenth of the wall's height when left out, and 1 at least.
-        save : path-like, optional
-            File name without extension; a PNG and a PDF are written.
-
-        Returns
-        -------
-        Figure
-            A panel for each instant, and the loop of base shear against drift, on which they are marked.
-        """
+        """Draw the deformed wall, its joints coloured by how far they are open."""
         from structid.figures import wall as figures
 
         chosen = self.milestones() if instants is None else list(instants)
@@ -182,47 +132,12 @@ class WallFilm:
     def plot_strains(
         self, instants: Sequence[int] | None = None, step: float = GRID, save: str | os.PathLike[str] | None = None
     ) -> Figure:
-        """Draw maps of von Mises' strain, as a camera sees it: an open joint is a line of large strain.
-
-        Parameters
-        ----------
-        instants : sequence of int, optional
-            Numbers of samples; the milestones when left out.
-        step : float
-            Of the grid [m]; the strain across a joint is the jump over it.
-        save : path-like, optional
-            File name without extension; a PNG and a PDF are written.
-
-        Returns
-        -------
-        Figure
-            A map for each instant.
-        """
+        """Draw maps of von Mises' strain, as a camera sees it: an open joint is a line of large strain."""
         return self.displacement_field(instants, step).plot(save=save)
 
     @check_arguments
     def animate(self, path: str | os.PathLike[str], frames: int = 100, per_second: int = 20) -> Path:
-        """Write a film of the deformed wall, with its drift below it.
-
-        Parameters
-        ----------
-        path : path-like
-            A GIF, or an MP4 where ``ffmpeg`` is installed.
-        frames : int
-            How many pictures.
-        per_second : int
-            How many are shown in a second.
-
-        Returns
-        -------
-        Path
-            The file.
-
-        Raises
-        ------
-        InputError
-            If the file is neither, or an MP4 is wanted and there is no ``ffmpeg``.
-        """
+        """Write a film of the deformed wall, with its drift below it."""
         from structid.figures import wall_film as figures
 
         chosen = np.unique(np.linspace(0, len(self.drift) - 1, frames).round().astype(int))
@@ -244,18 +159,6 @@ class WallFilm:
         """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which names them with their times.
 
         Blocks are quadrilaterals with von Mises' strain in their middle, joints are points with opening and slip.
-
-        Parameters
-        ----------
-        folder : path-like
-            Created if it does not exist.
-        instants : sequence of int, optional
-            Numbers of samples; a hundred of them, evenly spread, when left out.
-
-        Returns
-        -------
-        Path
-            ``wall.pvd``.
         """
         try:
             import meshio

@@ -26,20 +26,7 @@ OPTIONAL = ("friction", "damping_ratio")
 
 
 def check_value(name: str, value: Any) -> None:
-    """Refuse a value that a parameter cannot have.
-
-    Parameters
-    ----------
-    name : str
-        The parameter.
-    value : object
-        What came.
-
-    Raises
-    ------
-    InputError
-        If it is missing, not a number, negative, or zero where it may not be.
-    """
+    """Refuse a value that a parameter cannot have."""
     where = f"MasonryWall.{name}"
     if value is None:
         raise InputError(
@@ -51,20 +38,7 @@ def check_value(name: str, value: Any) -> None:
 
 
 def check_priors_of(free: tuple[str, ...], space: ParameterSpace) -> None:
-    """Refuse priors in another unit, or of values that are not positive.
-
-    Parameters
-    ----------
-    free : tuple of str
-        Parameters that are unknown.
-    space : ParameterSpace
-        Their priors.
-
-    Raises
-    ------
-    InputError
-        For the first that is wrong.
-    """
+    """Refuse priors in another unit, or of values that are not positive."""
     for name in set(free) & set(space.names):
         if unit := space.marginals[name].unit:
             factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")

@@ -30,22 +30,7 @@ FRAMES = 60
 
 
 def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the mesh of a wall: blocks with their numbers, joints, beam, supports, loads, recorded points.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        The wall.
-    channels : tuple of str
-        What is recorded.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
+    """Draw the mesh of a wall: blocks with their numbers, joints, beam, supports, loads, recorded points."""
     from structid.figures import wall as figures
 
     mesh, masonry = assembly.mesh, assembly.masonry
@@ -68,22 +53,7 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
 
 
 def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw tractions of a joint against its opening and its slip, which goes back to zero once on its way.
-
-    Parameters
-    ----------
-    law : CohesiveLaw
-        The parameters, of one run.
-    joint : JointLaw
-        What a joint answers.
-    save : path-like, optional
-        File name without extension; a PNG and a PDF are written.
-
-    Returns
-    -------
-    Figure
-        Two panels.
-    """
+    """Draw tractions of a joint against its opening and its slip, which goes back to zero once on its way."""
     from structid.figures import wall as figures
 
     of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
@@ -116,20 +86,7 @@ def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tu
 
 
 def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:
-    """Pictures of a wall in one run.
-
-    Parameters
-    ----------
-    plot : callable
-        Draws the mesh.
-    film : callable
-        Gives the motion, the same one at every call.
-
-    Returns
-    -------
-    list of ModelPicture
-        Mesh, milestones, strains, film.
-    """
+    """Pictures of a wall in one run."""
     at = "at the largest drift of its largest swings"
     strains = f"Von Mises' strain {at}, as a camera sees it on a grid of {1e3 * GRID:g} mm: a joint that opens or slides is a line."
     return [

@@ -21,67 +21,28 @@ from structid.report.section import Picture, Section
 
 @dataclass(frozen=True)
 class DrawnPicture:
-    """A picture as a page takes it.
+    """A picture as a page takes it."""
 
-    Parameters
-    ----------
-    name, caption : str
-        Of its file, and what it shows.
-    source : str
-        The picture itself, as a data URL.
-    alternative : str
-        What there is to see, for somebody who does not see it.
-    panels : str
-        JSON of the panels from which values can be read off; an empty list for a film.
-    share : float
-        Of a full figure's width.
-    """
-
-    name: str
-    caption: str
-    source: str
-    alternative: str
-    panels: str
-    share: float = 1.0
+    name: str  # Of its file, and what it shows
+    caption: str  # Of its file, and what it shows
+    source: str  # The picture itself, as a data URL
+    alternative: str  # What there is to see, for somebody who does not see it
+    panels: str  # JSON of the panels from which values can be read off; an empty list for a film
+    share: float = 1.0  # Of a full figure's width
 
 
 @dataclass(frozen=True)
 class DrawnSection:
-    """A section whose figures have been drawn.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    pictures : tuple of DrawnPicture
-        Its figures.
-    """
+    """A section whose figures have been drawn."""
 
     section: Section[Any]
-    pictures: tuple[DrawnPicture, ...]
+    pictures: tuple[DrawnPicture, ...]  # Its figures
 
 
 def draw(
     sections: Sequence[Section[Any]], material: Any, folder: Path, progress: Progress | None = None
 ) -> list[DrawnSection]:
-    """Draw all figures of some sections.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        In their order.
-    material : object
-        What they are made of.
-    folder : Path
-        Where the figures go; made if it is not there.
-    progress : callable, optional
-        Called with the number of figures drawn and the total.
-
-    Returns
-    -------
-    list of DrawnSection
-        In the same order.
-    """
+    """Draw all figures of some sections."""
     folder.mkdir(parents=True, exist_ok=True)
     steps = [(section, drawing) for section in sections for drawing in section.drawings(material)]
     begun: list[tuple[str, Picture, Future[Rendered] | None]] = []

@@ -22,18 +22,7 @@ Rendered = tuple[str, list[Panel]]
 
 
 def rendered(figure: Figure) -> Rendered:
-    """Make a figure into a picture.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-
-    Returns
-    -------
-    tuple of str and list of Panel
-        The SVG, and its panels.
-    """
+    """Make a figure into a picture."""
     drawn = svg(figure)  # which settles where the panels are
     return drawn, panels(figure)
 
@@ -60,18 +49,7 @@ class Renderer:
             self._child.communicate()
 
     def begin(self, figure: Figure) -> Future[Rendered]:
-        """Begin with a figure.
-
-        Parameters
-        ----------
-        figure : Figure
-            The figure; it must not be changed afterwards.
-
-        Returns
-        -------
-        Future
-            To be given to `end`.
-        """
+        """Begin with a figure."""
         try:
             content = pickle.dumps(figure)
         except (pickle.PicklingError, AttributeError, TypeError) as problem:
@@ -81,20 +59,7 @@ class Renderer:
         return self._thread.submit(self._by_the_child, content)
 
     def end(self, figure: Figure, begun: Future[Rendered]) -> Rendered:
-        """Wait for a picture.
-
-        Parameters
-        ----------
-        figure : Figure
-            The figure.
-        begun : Future
-            What `begin` gave for it.
-
-        Returns
-        -------
-        tuple of str and list of Panel
-            The SVG, and its panels.
-        """
+        """Wait for a picture."""
         try:
             return begun.result()
         except Exception:  # whatever went wrong there is said again here, if it is the figure's own fault

@@ -23,48 +23,22 @@ _NUMBER = re.compile(r"(\.\d\d)\d+")
 
 @dataclass(frozen=True)
 class Panel:
-    """Where a panel lies in its figure, and what its edges are worth.
+    """Where a panel lies in its figure, and what its edges are worth."""
 
-    Parameters
-    ----------
-    left, top, width, height : float
-        In shares of the figure's width and height, from its upper left corner.
-    x, y : tuple of float
-        Values at the left and right, and at the lower and upper edge.
-    logarithmic : tuple of bool
-        Whether the axes of x and y are.
-    names : tuple of str
-        Labels of the two axes.
-    title : str
-        Of the panel.
-    """
-
-    left: float
-    top: float
-    width: float
-    height: float
-    x: tuple[float, float]
-    y: tuple[float, float]
-    logarithmic: tuple[bool, bool]
-    names: tuple[str, str]
-    title: str
+    left: float  # In shares of the figure's width and height, from its upper left corner
+    top: float  # In shares of the figure's width and height, from its upper left corner
+    width: float  # In shares of the figure's width and height, from its upper left corner
+    height: float  # In shares of the figure's width and height, from its upper left corner
+    x: tuple[float, float]  # Values at the left and right, and at the lower and upper edge
+    y: tuple[float, float]  # Values at the left and right, and at the lower and upper edge
+    logarithmic: tuple[bool, bool]  # Whether the axes of x and y are
+    names: tuple[str, str]  # Labels of the two axes
+    title: str  # Of the panel
 
 
 @styled
 def svg(figure: Figure) -> str:
-    """Draw a figure as SVG. The same figure gives the same text.
-
-    Parameters
-    ----------
-    figure : Figure
-        As the functions of this room return it.
-
-    Returns
-    -------
-    str
-        Text is drawn as paths, so that no font is needed to read it.
-        Places are rounded to a hundredth of a point: a third less text.
-    """
+    """Draw a figure as SVG. The same figure gives the same text."""
     import matplotlib
 
     drawn = io.StringIO()
@@ -74,18 +48,7 @@ def svg(figure: Figure) -> str:
 
 
 def panels(figure: Figure) -> list[Panel]:
-    """Say where the panels of a figure lie that has been drawn.
-
-    Parameters
-    ----------
-    figure : Figure
-        After `svg`, which settles its layout.
-
-    Returns
-    -------
-    list of Panel
-        Those with axes whose values can be read off.
-    """
+    """Say where the panels of a figure lie that has been drawn."""
     return [_panel(axes) for axes in figure.axes if _is_readable(axes)]
 
 

@@ -12,21 +12,11 @@ from structid.report.material.material import PosteriorMaterial
 
 @dataclass(frozen=True, eq=False)
 class ComparedClass:
-    """One model class.
+    """One model class."""
 
-    Parameters
-    ----------
-    figures : ModelClass
-        Its evidence, and how well it predicts.
-    material : PosteriorMaterial
-        What its calibration has left.
-    predictions : tuple of Prediction
-        Of each observation.
-    """
-
-    figures: ModelClass
-    material: PosteriorMaterial
-    predictions: tuple[Prediction, ...]
+    figures: ModelClass  # Its evidence, and how well it predicts
+    material: PosteriorMaterial  # What its calibration has left
+    predictions: tuple[Prediction, ...]  # Of each observation
 
     @property
     def name(self) -> str:
@@ -36,15 +26,9 @@ class ComparedClass:
 
 @dataclass(frozen=True, eq=False)
 class ComparisonMaterial:
-    """Model classes of one measurement.
+    """Model classes of one measurement."""
 
-    Parameters
-    ----------
-    classes : tuple of ComparedClass
-        Two or more, in the order in which they were given.
-    """
-
-    classes: tuple[ComparedClass, ...]
+    classes: tuple[ComparedClass, ...]  # Two or more, in the order in which they were given
 
     @property
     def comparison(self) -> Comparison:

@@ -23,34 +23,17 @@ LITTLE = 1.4
 
 @dataclass(frozen=True)
 class LearntParameter:
-    """One parameter of the model, in its display unit.
+    """One parameter of the model, in its display unit."""
 
-    Parameters
-    ----------
-    name : str
-        As in the study.
-    unit : str
-        Display unit.
-    mean, sd : float
-        Of the posterior.
-    interval : tuple of float
-        In which it lies with 90 % probability, given the model.
-    elsewhere : tuple of float or None
-        The same for another record, where the parameters drift with time; None where they do not.
-    prior : tuple of float
-        The prior's 90 % interval.
-    truth : float or None
-        Of a virtual experiment.
-    """
-
-    name: str
-    unit: str
-    mean: float
-    sd: float
-    interval: tuple[float, float]
+    name: str  # As in the study
+    unit: str  # Display unit
+    mean: float  # Of the posterior
+    sd: float  # Of the posterior
+    interval: tuple[float, float]  # In which it lies with 90 % probability, given the model
+    # The same for another record, where the parameters drift with time; None where they do not
     elsewhere: tuple[float, float] | None
-    prior: tuple[float, float]
-    truth: float | None
+    prior: tuple[float, float]  # The prior's 90 % interval
+    truth: float | None  # Of a virtual experiment
 
     @property
     def label(self) -> str:
@@ -81,18 +64,7 @@ class LearntParameter:
         return None if self.truth is None else self.honest[0] <= self.truth <= self.honest[1]
 
     def in_words(self, interval: tuple[float, float]) -> str:
-        """An interval with as many digits as it deserves.
-
-        Parameters
-        ----------
-        interval : tuple of float
-            Its ends.
-
-        Returns
-        -------
-        str
-            Such as ``"5.31 to 5.42"``.
-        """
+        """An interval with as many digits as it deserves."""
         low, high = interval
         return f"{number(low, (high - low) / DIGITS)} to {number(high, (high - low) / DIGITS)}"
 
@@ -131,18 +103,7 @@ class LearntParameter:
 
 
 def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
-    """Say what was learnt of each parameter of the model.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What a calibration leaves.
-
-    Returns
-    -------
-    list of LearntParameter
-        Nuisances, and parameters of the law of the errors, left out.
-    """
+    """Say what was learnt of each parameter of the model."""
     posterior, summary = material.posterior, material.summary
     count = posterior.model_space.dimension
     space, factors = posterior.space, posterior.factors

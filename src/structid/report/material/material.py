@@ -29,82 +29,35 @@ from structid.surrogates.base import Surrogate
 
 @dataclass(frozen=True, eq=False)
 class RunsMaterial:
-    """What a study without a measurement leaves.
+    """What a study without a measurement leaves."""
 
-    Parameters
-    ----------
-    title, settings : str
-        Title, and the study file's text.
-    runs : Runs or None
-        The true runs.
-    surrogate : Surrogate or None
-        What was fitted to them.
-    parameter_study : ParameterStudy or None
-        What runs over the priors tell.
-    """
-
-    title: str
-    settings: str
-    runs: Runs | None
-    surrogate: Surrogate | None
-    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)
+    title: str  # Title, and the study file's text
+    settings: str  # Title, and the study file's text
+    runs: Runs | None  # The true runs
+    surrogate: Surrogate | None  # What was fitted to them
+    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)  # What runs over the priors tell
 
 
 @dataclass(frozen=True, eq=False)
 class PosteriorMaterial(RunsMaterial):
-    """What a calibration leaves.
+    """What a calibration leaves."""
 
-    Parameters
-    ----------
-    title, settings, runs, surrogate
-        As for `RunsMaterial`; the surrogate that was sampled, or made the proposals.
-    parameter_study : ParameterStudy or None
-        As for `RunsMaterial`.
-    result : SamplingResult
-        Of a `Posterior`.
-    true_posterior : Posterior
-        The posterior under the model itself, for channels and records that a surrogate does not know.
-    searches : dict of str to OptimizeResult
-        Deterministic calibrations by method.
-    raw_record, record : GroundMotion
-        First record before and after processing.
-    truths : tuple of Model or None
-        For each observation the true model of a virtual experiment, or None.
-    true_values : dict of str to float
-        True parameters in SI.
-    other_records : tuple of GroundMotion
-        Records to predict for.
-    prediction_draws : int
-        Draws of the bands.
-    predicted_channels : tuple of str
-        What is predicted for other records; empty for what was measured.
-    calibration : CalibrationResult or None
-        Certificate and rounds, where the study asks for them.
-    left_to_the_data : bool
-        Whether the study lets the data choose the law of the errors.
-    law_choice : LawChoice or None
-        What they have chosen.
-    fragility : Fragility or None
-        The probability of a passage, given the data.
-    loop : LoopLines or None
-        Lines through a measured loop, of which priors were made.
-    """
-
-    result: SamplingResult
+    result: SamplingResult  # Of a `Posterior`
+    # The posterior under the model itself, for channels and records that a surrogate does not know
     true_posterior: Posterior
-    searches: dict[str, OptimizeResult]
-    raw_record: GroundMotion
-    record: GroundMotion
-    truths: tuple[Model | None, ...]
-    true_values: dict[str, float]
-    other_records: tuple[GroundMotion, ...]
-    prediction_draws: int
-    calibration: CalibrationResult | None = None
-    left_to_the_data: bool = False
-    law_choice: LawChoice | None = None
-    fragility: Fragility | None = None
-    predicted_channels: tuple[str, ...] = ()
-    loop: LoopLines | None = None
+    searches: dict[str, OptimizeResult]  # Deterministic calibrations by method
+    raw_record: GroundMotion  # First record before and after processing
+    record: GroundMotion  # First record before and after processing
+    truths: tuple[Model | None, ...]  # For each observation the true model of a virtual experiment, or None
+    true_values: dict[str, float]  # True parameters in SI
+    other_records: tuple[GroundMotion, ...]  # Records to predict for
+    prediction_draws: int  # Draws of the bands
+    calibration: CalibrationResult | None = None  # Certificate and rounds, where the study asks for them
+    left_to_the_data: bool = False  # Whether the study lets the data choose the law of the errors
+    law_choice: LawChoice | None = None  # What they have chosen
+    fragility: Fragility | None = None  # The probability of a passage, given the data
+    predicted_channels: tuple[str, ...] = ()  # What is predicted for other records; empty for what was measured
+    loop: LoopLines | None = None  # Lines through a measured loop, of which priors were made
 
     @property
     def posterior(self) -> Posterior:
@@ -150,18 +103,7 @@ class PosteriorMaterial(RunsMaterial):
         return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
 
     def suffix(self, index: int) -> str:
-        """Suffix of a file name that distinguishes the figures of several observations.
-
-        Parameters
-        ----------
-        index : int
-            Which observation.
-
-        Returns
-        -------
-        str
-            Empty where there is one.
-        """
+        """Suffix of a file name that distinguishes the figures of several observations."""
         return "" if len(self.observations) == 1 else f"_{index + 1}"
 
     @cached_property
@@ -175,40 +117,14 @@ class PosteriorMaterial(RunsMaterial):
         )
 
     def completed(self, theta: Float[np.ndarray, " model_parameter"]) -> Float[np.ndarray, " parameter"]:
-        """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (model parameter,)
-            In SI.
-
-        Returns
-        -------
-        ndarray, shape (parameter,)
-            In SI.
-        """
+        """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model."""
         return np.concatenate([theta, self.best[len(theta) :]])
 
 
 def simulated_loops(
     model: Model, parameters: Float[np.ndarray, "run parameter"], record: Excitation
 ) -> dict[str, np.ndarray]:
-    """Simulate the hysteresis loops of a model.
-
-    Parameters
-    ----------
-    model : Model
-        Any; one that records no loop gives none.
-    parameters : ndarray, shape (run, parameter)
-        In SI, in the order of `Model.free`.
-    record : Excitation
-        What drives it.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (run, time, 3)
-        Displacement, force and absorbed energy in SI, by the names of the springs.
-    """
+    """Simulate the hysteresis loops of a model."""
     loops = model.loop_channels
     if not loops:
         return {}

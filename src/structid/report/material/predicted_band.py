@@ -19,15 +19,7 @@ Edges = tuple[np.ndarray, np.ndarray]
 
 
 class PredictedBand:
-    """The bands of a prediction, with and without discrepancy, around the response of the MAP estimate.
-
-    Parameters
-    ----------
-    draws : Prediction
-        The response of draws.
-    best : ndarray, shape (time, channel)
-        The response of the MAP estimate.
-    """
+    """The bands of a prediction, with and without discrepancy, around the response of the MAP estimate."""
 
     def __init__(self, draws: Prediction, best: Float[np.ndarray, "time channel"]) -> None:
         self.draws, self.best = draws, best
@@ -43,22 +35,7 @@ class PredictedBand:
         return self.draws.band(discrepancy=True)
 
     def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:
-        """Draw one channel.
-
-        Parameters
-        ----------
-        column : int
-            Which channel.
-        unit : str
-            Its display unit.
-        reference : tuple of str and ndarray, shape (time,), or None
-            What it is held against, such as the measurement: its name, and values in SI.
-
-        Returns
-        -------
-        Figure
-            Three panels.
-        """
+        """Draw one channel."""
         by = factor(unit)
         inner, outer = ((low[:, column] / by, high[:, column] / by) for low, high in (self.inner, self.outer))
         return figures.bands(

@@ -17,24 +17,14 @@ from structid.report.tables import number
 
 
 class Peak(NamedTuple):
-    """The largest response of a channel, in its display unit.
+    """The largest response of a channel, in its display unit."""
 
-    Parameters
-    ----------
-    channel, unit : str
-        The channel and its unit.
-    low, median, high : float
-        5 %, 50 % and 95 % quantiles.
-    truth : float or None
-        That of a virtual experiment.
-    """
-
-    channel: str
-    unit: str
-    low: float
-    median: float
-    high: float
-    truth: float | None
+    channel: str  # The channel and its unit
+    unit: str  # The channel and its unit
+    low: float  # 5 %, 50 % and 95 % quantiles
+    median: float  # 5 %, 50 % and 95 % quantiles
+    high: float  # 5 %, 50 % and 95 % quantiles
+    truth: float | None  # That of a virtual experiment
 
     @property
     def cells(self) -> list[str]:
@@ -44,15 +34,7 @@ class Peak(NamedTuple):
 
 
 class PredictedRecord:
-    """Prediction for one record.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What a calibration leaves.
-    record : GroundMotion
-        The record.
-    """
+    """Prediction for one record."""
 
     def __init__(self, material: PosteriorMaterial, record: GroundMotion) -> None:
         self.name, self.record, self._material = record.name, record, material
@@ -92,31 +74,14 @@ class PredictedRecord:
         return np.asarray(simulated.values[0])
 
     def inside(self, column: int) -> float | None:
-        """Share of the true history inside the outer 90 % band.
-
-        Parameters
-        ----------
-        column : int
-            Which channel.
-
-        Returns
-        -------
-        float or None
-            None where the truth is not known.
-        """
+        """Share of the true history inside the outer 90 % band."""
         if self.truth is None:
             return None
         low, high = (edge[:, column] for edge in self.band.outer)
         return float(np.mean((self.truth[:, column] >= low) & (self.truth[:, column] <= high)))
 
     def peaks(self) -> list[Peak]:
-        """Give the largest response in each channel.
-
-        Returns
-        -------
-        list of Peak
-            One for each channel.
-        """
+        """Give the largest response in each channel."""
         draws, found = self.band.draws, []
         for column, channel in enumerate(draws.channels):
             unit = draws.units[channel].display
@@ -128,18 +93,7 @@ class PredictedRecord:
 
 
 def predicted_records(material: PosteriorMaterial) -> list[PredictedRecord]:
-    """Give one for each other record of the study; whoever asks again gets the same ones.
-
-    Parameters
-    ----------
-    material : PosteriorMaterial
-        What a calibration leaves.
-
-    Returns
-    -------
-    list of PredictedRecord
-        In the study's order.
-    """
+    """Give one for each other record of the study; whoever asks again gets the same ones."""
     key = "other records"
     if key not in material.shared:
         material.shared[key] = [PredictedRecord(material, record) for record in material.other_records]

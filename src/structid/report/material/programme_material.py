@@ -21,30 +21,14 @@ BAND = (0.05, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class PredictedTest:
-    """What was predicted of a test, and what then happened.
+    """What was predicted of a test, and what then happened."""
 
-    Parameters
-    ----------
-    name : str
-        Of the test.
-    time : ndarray, shape (time,)
-        Simulated time [s].
-    drifts : ndarray, shape (draw, time)
-        Predicted displacements of the specimen's first channel [m].
-    happened : ndarray, shape (time,)
-        What they were [m]; shorter where the test ended before.
-    failed : int
-        Draws whose run failed; they are not in `drifts`.
-    reason : str
-        Why the first of them did.
-    """
-
-    name: str
-    time: Float[np.ndarray, " time"]
-    drifts: Float[np.ndarray, "draw time"]
-    happened: Float[np.ndarray, " measured_time"]
-    failed: int = 0
-    reason: str = ""
+    name: str  # Of the test
+    time: Float[np.ndarray, " time"]  # Simulated time [s]
+    drifts: Float[np.ndarray, "draw time"]  # Predicted displacements of the specimen's first channel [m]
+    happened: Float[np.ndarray, " measured_time"]  # What they were [m]; shorter where the test ended before
+    failed: int = 0  # Draws whose run failed; they are not in `drifts`
+    reason: str = ""  # Why the first of them did
 
     @cached_property
     def peaks(self) -> np.ndarray:
@@ -86,30 +70,14 @@ class PredictedTest:
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """What a test has taught of the specimen.
+    """What a test has taught of the specimen."""
 
-    Parameters
-    ----------
-    from_test : str
-        The last test that was looked at.
-    observation : Observation
-        Forces against measured displacements of it and those before.
-    result : SamplingResult
-        The posterior.
-    fitted : ndarray, shape (time, channel)
-        Forces at the most probable parameters [N].
-    prediction : PredictedTest or None
-        Of a later test.
-    calibration : CalibrationResult or None
-        Certificate and rounds, where a surrogate was used.
-    """
-
-    from_test: str
-    observation: Observation
-    result: SamplingResult
-    fitted: Float[np.ndarray, "time channel"] = field(repr=False)
-    prediction: PredictedTest | None
-    calibration: CalibrationResult | None = None
+    from_test: str  # The last test that was looked at
+    observation: Observation  # Forces against measured displacements of it and those before
+    result: SamplingResult  # The posterior
+    fitted: Float[np.ndarray, "time channel"] = field(repr=False)  # Forces at the most probable parameters [N]
+    prediction: PredictedTest | None  # Of a later test
+    calibration: CalibrationResult | None = None  # Certificate and rounds, where a surrogate was used
 
     @property
     def trusted(self) -> bool:
@@ -119,24 +87,13 @@ class Learnt:
 
 @dataclass(frozen=True, eq=False)
 class ProgrammeMaterial:
-    """What a programme leaves.
+    """What a programme leaves."""
 
-    Parameters
-    ----------
-    title, settings : str
-        Title, and the text of its file.
-    programme : ProgrammeResult
-        The tests.
-    learnt : Learnt or None
-        What they have taught.
-    true_values : dict of str to float
-        Parameters of a simulated specimen in SI, where the model that is learnt has them.
-    """
-
-    title: str
-    settings: str
-    programme: ProgrammeResult
-    learnt: Learnt | None = None
+    title: str  # Title, and the text of its file
+    settings: str  # Title, and the text of its file
+    programme: ProgrammeResult  # The tests
+    learnt: Learnt | None = None  # What they have taught
+    # Parameters of a simulated specimen in SI, where the model that is learnt has them
     true_values: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -28,58 +28,25 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 
 @dataclass(frozen=True, eq=False)
 class BuiltStudy:
-    """Everything a study needs to run.
+    """Everything a study needs to run."""
 
-    Parameters
-    ----------
-    file : StudyFile
-        What the file said.
-    folder : Path
-        Where its relative paths start.
-    raw_record, record : GroundMotion
-        The study's record as read, and after processing.
-    space : ParameterSpace
-        The model's unknown parameters.
-    model : Model
-        The model.
-    campaign : Design or None
-        Points of the true runs, if the study asks for them.
-    campaign_records : tuple of GroundMotion
-        What drives them, dealt out in turn.
-    posterior : Posterior or None
-        Of the model's parameters and the discrepancy's; None for a study without an observation.
-    sampler : Sampler
-        Its settings.
-    truths : tuple
-        For each observation the true model of a virtual experiment, or None.
-    other_records : tuple of GroundMotion
-        Records to predict for.
-    plan : Plan or None
-        How true runs are spent on a certified calibration, if the study asks for one.
-    parameter_study : PlannedParameterStudy or None
-        Runs over the priors, if the study asks for them.
-    fragility : PlannedFragility or None
-        Records of rising strength, if the study asks for a fragility.
-    loop : LoopLines or None
-        Lines through a measured loop, of which priors are made.
-    """
-
-    file: StudyFile
-    folder: Path
-    raw_record: GroundMotion
-    record: GroundMotion
-    space: ParameterSpace
+    file: StudyFile  # What the file said
+    folder: Path  # Where its relative paths start
+    raw_record: GroundMotion  # The study's record as read, and after processing
+    record: GroundMotion  # The study's record as read, and after processing
+    space: ParameterSpace  # The model's unknown parameters
     model: Model
-    campaign: Design | None
-    campaign_records: tuple[GroundMotion, ...]
+    campaign: Design | None  # Points of the true runs, if the study asks for them
+    campaign_records: tuple[GroundMotion, ...]  # What drives them, dealt out in turn
+    # Of the model's parameters and the discrepancy's; None for a study without an observation
     posterior: Posterior | None
-    sampler: Sampler
-    truths: tuple[Model | None, ...]
-    other_records: tuple[GroundMotion, ...]
-    plan: Plan | None
-    parameter_study: PlannedParameterStudy | None = None
-    fragility: PlannedFragility | None = None
-    loop: LoopLines | None = None
+    sampler: Sampler  # Its settings
+    truths: tuple[Model | None, ...]  # For each observation the true model of a virtual experiment, or None
+    other_records: tuple[GroundMotion, ...]  # Records to predict for
+    plan: Plan | None  # How true runs are spent on a certified calibration, if the study asks for one
+    parameter_study: PlannedParameterStudy | None = None  # Runs over the priors, if the study asks for them
+    fragility: PlannedFragility | None = None  # Records of rising strength, if the study asks for a fragility
+    loop: LoopLines | None = None  # Lines through a measured loop, of which priors are made
 
     @property
     def content_hash(self) -> str:
@@ -111,18 +78,7 @@ class BuiltStudy:
         return parts
 
     def working_in(self, folder: Path) -> BuiltStudy:
-        """Return the study with a folder for the files that runs of its model leave.
-
-        Parameters
-        ----------
-        folder : Path
-            The folder.
-
-        Returns
-        -------
-        BuiltStudy
-            The same study.
-        """
+        """Return the study with a folder for the files that runs of its model leave."""
         model = self.model.working_in(folder)
         posterior = None if self.posterior is None else self.posterior.on(model)
         return self if model is self.model else replace(self, model=model, posterior=posterior)

@@ -25,24 +25,7 @@ SURROGATE_WIDENING = 2.0
 def build_campaign(
     file: StudyFile, folder: Path, space: ParameterSpace, driven_by: tuple[GroundMotion, ...]
 ) -> tuple[Design | None, tuple[GroundMotion, ...]]:
-    """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'.
-
-    Parameters
-    ----------
-    file : StudyFile
-        What the file says.
-    folder : Path
-        Where relative paths start.
-    space : ParameterSpace
-        The unknown parameters.
-    driven_by : tuple of GroundMotion
-        Records of study and observations.
-
-    Returns
-    -------
-    tuple of Design or None, and tuple of GroundMotion
-        Points, and what drives them in turn; None for a study without true runs.
-    """
+    """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'."""
     section, kind = file.campaign, file.surrogate.kind
     if file.calibration is not None or (section is None and kind == "none"):
         return None, ()

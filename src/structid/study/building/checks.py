@@ -23,18 +23,7 @@ EXACT = 1e-9
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
-    """Refuse what sampler, searches and surrogate would refuse, before a folder is taken.
-
-    Parameters
-    ----------
-    study : BuiltStudy
-        The study.
-
-    Raises
-    ------
-    InputError
-        If its parts do not fit together.
-    """
+    """Refuse what sampler, searches and surrogate would refuse, before a folder is taken."""
     if study.posterior is None and study.campaign is None and study.parameter_study is None:
         raise InputError(
             "the file",
@@ -82,18 +71,7 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
 
 
 def check_tables(file: StudyFile) -> None:
-    """Refuse tables that do not go together, whatever is in them.
-
-    Parameters
-    ----------
-    file : StudyFile
-        The file.
-
-    Raises
-    ------
-    InputError
-        If one of them is missing, or there is one too many.
-    """
+    """Refuse tables that do not go together, whatever is in them."""
     surrogate, calibrated = file.surrogate, file.calibration is not None
     unused = surrogate.model_fields_set - {"kind"} if surrogate.kind == "none" else set()
     said = surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}

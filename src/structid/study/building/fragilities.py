@@ -15,59 +15,20 @@ from structid.study.schema.study_file import StudyFile
 
 @dataclass(frozen=True)
 class PlannedFragility:
-    """What a fragility needs.
+    """What a fragility needs."""
 
-    Parameters
-    ----------
-    records : tuple of GroundMotion
-        What may come.
-    levels : tuple of float
-        Peak ground accelerations [m/s²] to which they are scaled.
-    channel : str
-        Whose absolute value passes.
-    limit : float
-        In SI.
-    draws : int
-        Of the posterior.
-    surrogate : bool
-        Whether a surrogate stands in for the model at most draws.
-    training, checks : int
-        Draws it is fitted to, and draws that correct it.
-    """
-
-    records: tuple[GroundMotion, ...]
-    levels: tuple[float, ...]
-    channel: str
-    limit: float
-    draws: int
-    surrogate: bool
-    training: int
-    checks: int
+    records: tuple[GroundMotion, ...]  # What may come
+    levels: tuple[float, ...]  # Peak ground accelerations [m/s²] to which they are scaled
+    channel: str  # Whose absolute value passes
+    limit: float  # In SI
+    draws: int  # Of the posterior
+    surrogate: bool  # Whether a surrogate stands in for the model at most draws
+    training: int  # Draws it is fitted to, and draws that correct it
+    checks: int  # Draws it is fitted to, and draws that correct it
 
 
 def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFragility | None:
-    """Plan the fragility of a file.
-
-    Parameters
-    ----------
-    file : StudyFile
-        What it says.
-    folder : Path
-        Where relative paths start.
-    model : Model
-        The model. An expensive one has a surrogate in its place at most draws, unless the file says otherwise.
-
-    Returns
-    -------
-    PlannedFragility or None
-        None if the file asks for none.
-
-    Raises
-    ------
-    InputError
-        If nothing is measured, a record cannot be read, the limit has another dimension than its channel, or there are too few
-        draws for a surrogate.
-    """
+    """Plan the fragility of a file."""
     section = file.fragility
     if section is None:
         return None

@@ -10,20 +10,7 @@ from structid.study.schema.static_tables import LoopSection
 
 
 def build_loop(section: LoopSection | None, folder: Path) -> LoopLines | None:
-    """Fit two lines to the measured loop of a study.
-
-    Parameters
-    ----------
-    section : LoopSection or None
-        What the file says.
-    folder : Path
-        Where relative paths start.
-
-    Returns
-    -------
-    LoopLines or None
-        None where the study has no loop.
-    """
+    """Fit two lines to the measured loop of a study."""
     if section is None:
         return None
     said = section.model_dump(exclude={"file"})

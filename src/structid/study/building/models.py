@@ -19,31 +19,7 @@ from structid.study.schema.static_tables import ModelSection
 def build_model(
     section: ModelSection, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...], folder: Path
 ) -> Model:
-    """Build the model of a study.
-
-    Parameters
-    ----------
-    section : ModelSection
-        What the file says.
-    space : ParameterSpace
-        The unknown parameters.
-    derived : dict of str to str
-        Expressions of the derived ones.
-    channels : tuple of str
-        What is measured or asked for.
-    folder : Path
-        Where relative paths start.
-
-    Returns
-    -------
-    Model
-        The model.
-
-    Raises
-    ------
-    InputError
-        If a parameter has a value and a prior, or the model has no such parameter.
-    """
+    """Build the model of a study."""
     kind = kind_named(section.type, model_list.MODELS)
     given = _given(section)
     if kind.parameters is None:
@@ -80,21 +56,6 @@ def _check_parameters(
 
 
 def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -> Model:
-    """Build the true model of a virtual experiment, all of whose parameters are known.
-
-    Parameters
-    ----------
-    section : ModelSection
-        What the file says.
-    channels : tuple of str
-        What is measured.
-    folder : Path
-        Where relative paths start.
-
-    Returns
-    -------
-    Model
-        Without free parameters.
-    """
+    """Build the true model of a virtual experiment, all of whose parameters are known."""
     kind = kind_named(section.type, model_list.MODELS)
     return kind.build(ModelRequest(_given(section), ParameterSpace(), (), channels, folder))

@@ -21,42 +21,12 @@ AnyKind = TypeVar("AnyKind", bound=Named)
 
 
 def kind_named(word: str, kinds: Iterable[AnyKind]) -> AnyKind:
-    """Find a kind by its word; the schema has checked that there is one.
-
-    Parameters
-    ----------
-    word : str
-        What the file calls it.
-    kinds : iterable of kinds
-        Every kind there is.
-
-    Returns
-    -------
-    kind
-        The one of that word.
-    """
+    """Find a kind by its word; the schema has checked that there is one."""
     return next(kind for kind in kinds if kind.word == word)
 
 
 def check_keys(table: str, word: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Refuse keys that belong to another kind: the schema lets all of them into the table.
-
-    Parameters
-    ----------
-    table : str
-        The table's name.
-    word : str
-        The kind that the file names.
-    given : iterable of str
-        Keys that the file gives.
-    known : collection of str
-        Keys that the kind understands.
-
-    Raises
-    ------
-    InputError
-        If the kind does not understand a key.
-    """
+    """Refuse keys that belong to another kind: the schema lets all of them into the table."""
     for key in given:
         if key not in known:
             raise InputError(f"key '{table}.{key}'", f"a key that {word} does not know", ", ".join(known))

@@ -31,26 +31,7 @@ from structid.study.schema.study_file import CalibrationFile
 def build_observation(
     section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, index: int
 ) -> tuple[Observation, Model | None]:
-    """Read a measured history, or simulate a virtual one.
-
-    Parameters
-    ----------
-    section : ObservationSection
-        What the file says.
-    record : GroundMotion
-        What drove the structure.
-    folder : Path
-        Where relative paths start.
-    where : str
-        The key, for messages.
-    seed, index : int
-        The study's seed, and which observation it is.
-
-    Returns
-    -------
-    tuple of Observation and Model or None
-        The measurement; and the true model of a virtual one.
-    """
+    """Read a measured history, or simulate a virtual one."""
     if (section.file is None) == (section.virtual is None):
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
@@ -130,25 +111,7 @@ def _si_unit(section: ObservationSection, where: str) -> str:
 
 
 def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> ErrorLaw:
-    """Build the law of the difference between model and measurement.
-
-    Parameters
-    ----------
-    file : CalibrationFile
-        What the file says.
-    si_units : mapping of str to str
-        SI unit of every measured channel, empty where it is not known.
-
-    Returns
-    -------
-    ErrorLaw
-        The law; independent errors where the data are to choose it, until they have.
-
-    Raises
-    ------
-    InputError
-        If the law does not know a key, or does not take a value.
-    """
+    """Build the law of the difference between model and measurement."""
     section = file.discrepancy
     if section.kind == AUTO:
         check_keys("discrepancy", AUTO, section.model_fields_set - {"kind"}, ())

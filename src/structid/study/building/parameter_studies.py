@@ -15,54 +15,18 @@ from structid.study.schema.study_file import StudyFile
 
 @dataclass(frozen=True)
 class PlannedParameterStudy:
-    """What a parameter study needs.
+    """What a parameter study needs."""
 
-    Parameters
-    ----------
-    design : Design
-        Its points.
-    model : Model
-        The study's, recording what is looked at.
-    channel : str
-        Whose passages are looked for.
-    limits : tuple of float
-        In SI.
-    above : mapping of str to float
-        Lower bounds [SI] of the part of the box that is looked at by itself.
-    peaks : tuple of str
-        Channels whose largest values are explained.
-    """
-
-    design: Design
-    model: Model
-    channel: str
-    limits: tuple[float, ...]
-    above: Mapping[str, float]
-    peaks: tuple[str, ...]
+    design: Design  # Its points
+    model: Model  # The study's, recording what is looked at
+    channel: str  # Whose passages are looked for
+    limits: tuple[float, ...]  # In SI
+    above: Mapping[str, float]  # Lower bounds [SI] of the part of the box that is looked at by itself
+    peaks: tuple[str, ...]  # Channels whose largest values are explained
 
 
 def planned_parameter_study(file: StudyFile, space: ParameterSpace, model: Model) -> PlannedParameterStudy | None:
-    """Plan the parameter study of a file.
-
-    Parameters
-    ----------
-    file : StudyFile
-        What it says.
-    space : ParameterSpace
-        The unknown parameters.
-    model : Model
-        The model.
-
-    Returns
-    -------
-    PlannedParameterStudy or None
-        None if the file has none.
-
-    Raises
-    ------
-    InputError
-        If a limit has another dimension than its channel, or a parameter is unknown.
-    """
+    """Plan the parameter study of a file."""
     section = file.parameter_study
     if section is None:
         return None
@@ -76,22 +40,5 @@ def planned_parameter_study(file: StudyFile, space: ParameterSpace, model: Model
 
 
 def limit_of(limit: float | str, channel: str, model: Model, where: str) -> float:
-    """Read a limit of a channel.
-
-    Parameters
-    ----------
-    limit : float or str
-        In SI, or with its unit.
-    channel : str
-        Whose.
-    model : Model
-        Which records the channel.
-    where : str
-        The key, for messages.
-
-    Returns
-    -------
-    float
-        In SI.
-    """
+    """Read a limit of a channel."""
     return to_si(limit, model.channel_units[channel].si, f"key '{where}'")

@@ -33,22 +33,7 @@ _PURE = ("shape", "rate", "log_mean", "log_sd", "a", "b")
 
 
 def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal:
-    """Build a prior.
-
-    Parameters
-    ----------
-    section : PriorSection
-        What the file says.
-    where : str
-        The key, for messages.
-    si_unit : str or None
-        What it must measure; None for a parameter that the model does not know.
-
-    Returns
-    -------
-    Marginal
-        The prior.
-    """
+    """Build a prior."""
     if section.distribution == LOOP:
         raise InputError(
             f"key '{where}.distribution'",
@@ -79,22 +64,7 @@ def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal
 
 
 def parameter_prior(file: CalibrationFile, name: str, loop: LoopLines | None = None) -> Marginal:
-    """Build the prior of a parameter of the model.
-
-    Parameters
-    ----------
-    file : CalibrationFile
-        What the file says.
-    name : str
-        The parameter.
-    loop : LoopLines, optional
-        Lines through a measured loop, of which some priors are made.
-
-    Returns
-    -------
-    Marginal
-        Its prior.
-    """
+    """Build the prior of a parameter of the model."""
     base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
     kind = kind_named(file.model.type, model_list.MODELS)
     unit = None
@@ -118,20 +88,7 @@ def _prior_of_the_loop(section: PriorSection, loop: LoopLines, name: str, base: 
 
 
 def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> ParameterSpace:
-    """Build the space of the model's unknown parameters.
-
-    Parameters
-    ----------
-    file : CalibrationFile
-        What the file says.
-    loop : LoopLines, optional
-        Lines through a measured loop, of which some priors are made.
-
-    Returns
-    -------
-    ParameterSpace
-        Priors, derived parameters, coordinates, correlation.
-    """
+    """Build the space of the model's unknown parameters."""
     priors = {name: parameter_prior(file, name, loop) for name in file.parameters}
     correlation = {}
     for pair, value in file.correlation.items():
@@ -143,22 +100,7 @@ def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> Par
 
 
 def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:
-    """Turn a parameter of the discrepancy into a number in SI or a prior.
-
-    Parameters
-    ----------
-    value : float, str, PriorSection or None
-        What the file says.
-    key : str
-        Its key.
-    unit : str
-        SI unit.
-
-    Returns
-    -------
-    float, Marginal or None
-        None where the file says nothing.
-    """
+    """Turn a parameter of the discrepancy into a number in SI or a prior."""
     where = f"discrepancy.{key}"
     if value is None:
         return None

@@ -11,42 +11,12 @@ from structid.study.schema.static_tables import RecordSection
 
 
 def load_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
-    """Read or make a record and process it.
-
-    Parameters
-    ----------
-    section : RecordSection
-        What the file says.
-    folder : Path
-        Where relative paths start.
-    where : str
-        The key, for messages.
-
-    Returns
-    -------
-    GroundMotion
-        The processed record.
-    """
+    """Read or make a record and process it."""
     return processed(read_record(section, folder, where), section, where)
 
 
 def read_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
-    """Read or make a record.
-
-    Parameters
-    ----------
-    section : RecordSection
-        What the file says.
-    folder : Path
-        Where relative paths start.
-    where : str
-        The key, for messages.
-
-    Returns
-    -------
-    GroundMotion
-        As it is, before processing.
-    """
+    """Read or make a record."""
     if (section.file is None) == (section.synthetic is None):
         came = "neither file nor synthetic" if section.file is None else "both file and synthetic"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
@@ -59,22 +29,7 @@ def read_record(section: RecordSection, folder: Path, where: str) -> GroundMotio
 
 
 def processed(record: GroundMotion, section: RecordSection, where: str) -> GroundMotion:
-    """Process a record: baseline, filters, resampling, trim, scale, in this order.
-
-    Parameters
-    ----------
-    record : GroundMotion
-        As it was read.
-    section : RecordSection
-        What the file says.
-    where : str
-        The key, for messages.
-
-    Returns
-    -------
-    GroundMotion
-        The processed record.
-    """
+    """Process a record: baseline, filters, resampling, trim, scale, in this order."""
     if section.baseline is not None:
         record = record.baseline(section.baseline)
     order = section.filter_order

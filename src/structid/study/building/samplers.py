@@ -12,23 +12,7 @@ from structid.study.schema.static_tables import CalibrationSection
 
 
 def build_sampler(section: SamplerSection) -> Sampler:
-    """Build the sampler of a study.
-
-    Parameters
-    ----------
-    section : SamplerSection
-        What the file says.
-
-    Returns
-    -------
-    Sampler
-        Its settings.
-
-    Raises
-    ------
-    InputError
-        If the sampler does not know a key, or does not take a value.
-    """
+    """Build the sampler of a study."""
     kind = kind_named(section.kind, sampler_list.SAMPLERS)
     given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}
     check_keys("sampler", kind.word, given, sorted(kind.keys))
@@ -40,23 +24,7 @@ def build_sampler(section: SamplerSection) -> Sampler:
 
 
 def build_plan(section: CalibrationSection | None) -> Plan | None:
-    """Build the plan of a certified calibration.
-
-    Parameters
-    ----------
-    section : CalibrationSection or None
-        What the file says.
-
-    Returns
-    -------
-    Plan or None
-        None for a study without one.
-
-    Raises
-    ------
-    InputError
-        If the budget is too small.
-    """
+    """Build the plan of a certified calibration."""
     if section is None:
         return None
     with within("table 'calibration'"):

@@ -34,27 +34,7 @@ from structid.study.schema.study_file import StudyFile
 
 
 def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> BuiltStudy:
-    """Build a study.
-
-    Parameters
-    ----------
-    file : StudyFile
-        The checked file.
-    folder : Path
-        Where relative paths start.
-    solver_folder : Path, optional
-        Where relative paths of an external solver start, if not there.
-
-    Returns
-    -------
-    BuiltStudy
-        Ready to run.
-
-    Raises
-    ------
-    InputError
-        If its parts do not fit together; `StudyErrors` if several are wrong by themselves.
-    """
+    """Build a study."""
     try:
         return _built(file, folder, solver_folder)
     except InputError as first:

@@ -19,23 +19,7 @@ _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
 
 def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
-    """Turn a section into the settings of a surrogate.
-
-    Parameters
-    ----------
-    section : SurrogateSection
-        What the file says.
-
-    Returns
-    -------
-    SurrogateSettings
-        Of its kind.
-
-    Raises
-    ------
-    InputError
-        If the kind does not know a key, or does not take a value.
-    """
+    """Turn a section into the settings of a surrogate."""
     kind = kind_named(section.kind, registry.KINDS)
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
     check_keys("surrogate", kind.word, given, sorted((*_COMMON, *kind.keys)))
@@ -57,24 +41,7 @@ def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
 
 
 def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
-    """Fit the surrogate, or read the one that was fitted before.
-
-    Parameters
-    ----------
-    section : SurrogateSection
-        What the file says.
-    runs : Runs
-        The true runs.
-    path : Path or None
-        Where it is kept, if anywhere.
-    progress : callable or None
-        Called with the percentage of the fit that is done, and 100.
-
-    Returns
-    -------
-    Surrogate
-        Fitted, not yet validated.
-    """
+    """Fit the surrogate, or read the one that was fitted before."""
     settings = surrogate_settings(section)
     surrogate = registry.load_surrogate(path) if path is not None and path.is_file() else None
     # Failed runs that have been repeated since, and have now succeeded, are worth another fit.

@@ -37,20 +37,7 @@ MOST_PIECES = 64
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
-    """Put the posterior together.
-
-    Parameters
-    ----------
-    planned : PlannedProgramme
-        With a table [learning].
-    programme : ProgrammeResult
-        In which that test has run.
-
-    Returns
-    -------
-    Posterior
-        Of the model's parameters, and of those of the law of the errors.
-    """
+    """Put the posterior together."""
     file, model = planned.file, planned.learnable()
     assert file.learning is not None  # where it is built, this is checked
     driven = ImposedDisplacements(model, pieces=file.learning.pieces)
@@ -62,24 +49,7 @@ def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Poste
 def learnt_of(
     planned: PlannedProgramme, programme: ProgrammeResult, folder: Path, stage: Stage = silent
 ) -> Learnt | None:
-    """Learn from a test, and predict a later one.
-
-    Parameters
-    ----------
-    planned : PlannedProgramme
-        The programme.
-    programme : ProgrammeResult
-        What happened.
-    folder : Path
-        Where the draws are kept.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    Learnt or None
-        None where nothing is to be learnt, or the test has not moved the specimen.
-    """
+    """Learn from a test, and predict a later one."""
     learning = planned.file.learning
     if learning is None or learning.from_test not in programme.tests or not programme.tests[learning.from_test].steps:
         return None
@@ -137,20 +107,6 @@ def followed_in_pieces(
     """Simulate, in as many pieces a move as it needs.
 
     A stronger test moves further in a step than those that were learnt from, too far for a step of the law.
-
-    Parameters
-    ----------
-    virtual : VirtualHybridTest
-        The test, in as few pieces as may do.
-    draws : ndarray, shape (draw, parameter)
-        Of its free parameters.
-    record : GroundMotion
-        That drives it.
-
-    Returns
-    -------
-    Histories
-        A run for each draw. One that is not followed in `MOST_PIECES` has failed.
     """
     runs = virtual.simulate(draws, record)
     while np.any(runs.status == Status.DIVERGED) and virtual.pieces < MOST_PIECES:

@@ -47,33 +47,15 @@ OPENFRESCO = "openfresco://"
 
 @dataclass(frozen=True, eq=False)
 class PlannedProgramme:
-    """A programme that is ready to run.
+    """A programme that is ready to run."""
 
-    Parameters
-    ----------
-    file : ProgrammeFile
-        What the file says.
-    folder : Path
-        Where relative paths start.
-    record : GroundMotion
-        Not yet scaled.
-    structure : CutStructure
-        Of two parts.
-    """
-
-    file: ProgrammeFile
-    folder: Path
-    record: GroundMotion
-    structure: CutStructure
+    file: ProgrammeFile  # What the file says
+    folder: Path  # Where relative paths start
+    record: GroundMotion  # Not yet scaled
+    structure: CutStructure  # Of two parts
 
     def specimen(self) -> SimulatedSpecimen:
-        """Make the simulated specimen, never moved.
-
-        Returns
-        -------
-        SimulatedSpecimen
-            A new one at every call.
-        """
+        """Make the simulated specimen, never moved."""
         given, structure = self.file.specimen, self.structure
         model = moved_model(given.model, self.folder)
         actuators = [self._actuator(unit) for unit in structure.units]
@@ -85,21 +67,7 @@ class PlannedProgramme:
             )  # fmt: skip
 
     def laboratory(self, address: str, secret: str | Callable[[], str]) -> Specimen:
-        """Address a specimen elsewhere.
-
-        Parameters
-        ----------
-        address : str
-            Host and port of a specimen's server; or ``"openfresco://HOST:PORT"`` of a site server, which has no authentication and
-            is described by the file's own tables [structure] and [specimen.actuator].
-        secret : str or callable
-            Shared with a specimen's server; asked for where it is needed.
-
-        Returns
-        -------
-        Specimen
-            Not yet moved.
-        """
+        """Address a specimen elsewhere."""
         if address.startswith(OPENFRESCO):
             told = self.specimen().describe().model_copy(update={"simulated": False, "software": "OpenFresco"})
             return OpenFrescoSpecimen(address.removeprefix(OPENFRESCO), told)
@@ -117,20 +85,7 @@ class PlannedProgramme:
             )
 
     def test(self, section: TestSection, specimen: Specimen) -> HybridTest:
-        """Build a test.
-
-        Parameters
-        ----------
-        section : TestSection
-            What the file says.
-        specimen : Specimen
-            On which.
-
-        Returns
-        -------
-        HybridTest
-            Ready to be checked.
-        """
+        """Build a test."""
         numerical, physical = self.parts(section.modes)
         with within(f"test '{section.name}'"):
             return HybridTest(
@@ -139,33 +94,11 @@ class PlannedProgramme:
             )  # fmt: skip
 
     def record_of(self, section: TestSection) -> GroundMotion:
-        """Scale the record for a test.
-
-        Parameters
-        ----------
-        section : TestSection
-            What the file says.
-
-        Returns
-        -------
-        GroundMotion
-            Named by its strength.
-        """
+        """Scale the record for a test."""
         return replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Cut the structure; the parts of all tests with as many modes are the same ones, with what they have compiled.
-
-        Parameters
-        ----------
-        modes : int
-            Of the numerical part, where it is reduced.
-
-        Returns
-        -------
-        tuple of Substructure
-            Numerical and physical part.
-        """
+        """Cut the structure; the parts of all tests with as many modes are the same ones, with what they have compiled."""
         if modes not in self._parts:
             self._parts[modes] = self.structure.parts(modes)
         return self._parts[modes]
@@ -180,31 +113,14 @@ class PlannedProgramme:
         return _coupling(self.file.coupling)
 
     def programme(self, specimen: Specimen | None = None) -> Programme:
-        """Build all tests.
-
-        Parameters
-        ----------
-        specimen : Specimen, optional
-            The simulated one when left out.
-
-        Returns
-        -------
-        Programme
-            Ready to be checked.
-        """
+        """Build all tests."""
         moved = self.specimen() if specimen is None else specimen
         tests = {section.name: self.test(section, moved) for section in self.file.test}
         online = self.online()
         return Programme({name: replace(test, online=online) for name, test in tests.items()})
 
     def online(self) -> UnscentedFilter | None:
-        """Make the filter that follows the specimen through all tests.
-
-        Returns
-        -------
-        UnscentedFilter or None
-            None where the file asks for none.
-        """
+        """Make the filter that follows the specimen through all tests."""
         asked = self.file.online
         if asked is None:
             return None
@@ -215,18 +131,7 @@ class PlannedProgramme:
             )
 
     def learnable(self) -> TraceableModel:
-        """Build the model that is learnt.
-
-        Returns
-        -------
-        TraceableModel
-            Whose free parameters have priors.
-
-        Raises
-        ------
-        InputError
-            If there is none, or displacements cannot be imposed on it.
-        """
+        """Build the model that is learnt."""
         file = self.file
         if file.model is None or not file.parameters:
             raise InputError("the file", "neither [model] nor [parameters]", "the model that is learnt, and its priors")
@@ -239,18 +144,7 @@ class PlannedProgramme:
         return model
 
     def known_sd(self) -> Float[np.ndarray, " channel"] | None:
-        """Standard deviations of the measured forces, where the file knows them.
-
-        Returns
-        -------
-        ndarray, shape (channel,), or None
-            In SI.
-
-        Raises
-        ------
-        InputError
-            If it does not have one for each channel, in a unit of forces or of moments.
-        """
+        """Standard deviations of the measured forces, where the file knows them."""
         given = None if self.file.learning is None else self.file.learning.sd
         if given is None:
             return None
@@ -261,41 +155,12 @@ class PlannedProgramme:
         return np.array([to_si(sd, unit, "key 'learning.sd'") for sd, unit in zip(given, units, strict=True)])
 
     def section_of(self, name: str) -> TestSection:
-        """Find a test.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        TestSection
-            Its table.
-        """
+        """Find a test."""
         return next(section for section in self.file.test if section.name == name)
 
 
 def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
-    """Build a programme.
-
-    Parameters
-    ----------
-    file : ProgrammeFile
-        The checked file.
-    folder : Path
-        Where relative paths start.
-
-    Returns
-    -------
-    PlannedProgramme
-        Ready to run.
-
-    Raises
-    ------
-    InputError
-        If its parts do not fit together.
-    """
+    """Build a programme."""
     names = [section.name for section in file.test]
     if len(set(names)) < len(names):
         raise InputError("key 'test'", f"the names {', '.join(names)}", "each name once")

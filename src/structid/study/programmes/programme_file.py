@@ -152,13 +152,7 @@ class ProgrammeFile(CalibrationFile):
 
 
 def programme_file() -> type[ProgrammeFile]:
-    """Type of the file of a programme, with the kinds that are registered now.
-
-    Returns
-    -------
-    type
-        A `ProgrammeFile`.
-    """
+    """Type of the file of a programme, with the kinds that are registered now."""
     return _programme_file(
         model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
     )
@@ -193,39 +187,12 @@ def _programme_file(
 
 
 def is_programme(content: dict[str, Any]) -> bool:
-    """Say whether a file is that of a programme.
-
-    Parameters
-    ----------
-    content : dict
-        As TOML gives it.
-
-    Returns
-    -------
-    bool
-        By its tables.
-    """
+    """Say whether a file is that of a programme."""
     return "test" in content or ("specimen" in content and "structure" in content)
 
 
 def read_programme(path: str | Path) -> ProgrammeFile:
-    """Read the file of a programme and check every key.
-
-    Parameters
-    ----------
-    path : path-like
-        A TOML file.
-
-    Returns
-    -------
-    ProgrammeFile
-        Its content, quantities in SI.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
-    """
+    """Read the file of a programme and check every key."""
     content = study_content(path)
     try:
         return programme_file().model_validate(content)

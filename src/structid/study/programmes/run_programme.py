@@ -25,36 +25,15 @@ from structid.study.timings import Stage, Timings, silent
 
 @dataclass(frozen=True, eq=False)
 class ProgrammeOutcome:
-    """What a run of a programme leaves.
+    """What a run of a programme leaves."""
 
-    Parameters
-    ----------
-    programme : ProgrammeResult
-        The tests.
-    learnt : Learnt or None
-        What they have taught.
-    report : Path
-        The page.
-    """
-
-    programme: ProgrammeResult
-    learnt: Learnt | None
-    report: Path
+    programme: ProgrammeResult  # The tests
+    learnt: Learnt | None  # What they have taught
+    report: Path  # The page
 
 
 def load_programme(path: str | Path) -> PlannedProgramme:
-    """Read and build a programme.
-
-    Parameters
-    ----------
-    path : path-like
-        Its file.
-
-    Returns
-    -------
-    PlannedProgramme
-        Ready to run.
-    """
+    """Read and build a programme."""
     found = planned(read_programme(path), Path(path).resolve().parent)
     if found.file.learning is not None or found.file.online is not None:
         found.learnable()
@@ -72,33 +51,7 @@ def run_programme(
     stage: Stage = silent,
     watching: Callable[[str, HybridTest], None] | None = None,
 ) -> ProgrammeOutcome:
-    """Run a programme.
-
-    Parameters
-    ----------
-    path : path-like
-        Its file.
-    out : path-like
-        Folder for everything it makes.
-    address, secret : str
-        Of a specimen elsewhere, see `PlannedProgramme.laboratory`; the simulated one of the file when left out.
-    resume : bool
-        Continue with what is in that folder.
-    stage : callable
-        Opens a progress bar for a named stage.
-    watching : callable, optional
-        Called before every test with its name and the test.
-
-    Returns
-    -------
-    ProgrammeOutcome
-        Tests, posterior, report.
-
-    Raises
-    ------
-    InputError
-        If the file is wrong, a test cannot work, or the folder holds something else; nothing has moved then.
-    """
+    """Run a programme."""
     programme, folder = load_programme(path), Path(out)
     specimen = programme.laboratory(address, secret) if address else None
     _claim(folder, Path(path), resume)
@@ -109,20 +62,7 @@ def run_programme(
 
 
 def programme_report_again(folder: str | Path, stage: Stage = silent) -> ProgrammeOutcome:
-    """Write the report again from what is stored.
-
-    Parameters
-    ----------
-    folder : path-like
-        A folder that `run_programme` has filled.
-    stage : callable
-        Opens a progress bar for a named stage.
-
-    Returns
-    -------
-    ProgrammeOutcome
-        The same.
-    """
+    """Write the report again from what is stored."""
     folder = Path(folder)
     programme = planned(read_programme(folder / STUDY), folder / INPUTS)
     names = [section.name for section in programme.file.test]
@@ -135,20 +75,7 @@ def programme_report_again(folder: str | Path, stage: Stage = silent) -> Program
 def check_programme(
     path: str | Path, address: str = "", secret: str | Callable[[], str] = ""
 ) -> dict[str, Feasibility]:
-    """Check every test of a programme; nothing moves.
-
-    Parameters
-    ----------
-    path : path-like
-        Its file.
-    address, secret : str
-        Of a specimen elsewhere; the simulated one of the file when left out.
-
-    Returns
-    -------
-    dict of str to Feasibility
-        By the names of the tests.
-    """
+    """Check every test of a programme; nothing moves."""
     programme = load_programme(path)
     return programme.programme(programme.laboratory(address, secret) if address else None).check()
 

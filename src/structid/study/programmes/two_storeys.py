@@ -29,59 +29,17 @@ from structid.study.schema.static_tables import ModelSection
 
 
 def moved_model(section: ModelSection, folder: Path) -> Model:
-    """Build a model on which displacements are imposed, all of whose parameters are known.
-
-    Parameters
-    ----------
-    section : ModelSection
-        What the file says.
-    folder : Path
-        Where relative paths start.
-
-    Returns
-    -------
-    Model
-        Without free parameters.
-    """
+    """Build a model on which displacements are imposed, all of whose parameters are known."""
     return true_model(section, moved_channels(section), folder)
 
 
 def moved_channels(section: ModelSection) -> tuple[str, ...]:
-    """Name the channels with which a model can be built on which displacements are imposed.
-
-    Parameters
-    ----------
-    section : ModelSection
-        What the file says.
-
-    Returns
-    -------
-    tuple of str
-        Of its kind.
-    """
+    """Name the channels with which a model can be built on which displacements are imposed."""
     return (kind_named(section.type, model_list.MODELS).moved_channel,)
 
 
 def force_of(model: Model, dofs: int) -> RestoringForce:
-    """Give the force of a model without free parameters against displacements.
-
-    Parameters
-    ----------
-    model : Model
-        Of a specimen.
-    dofs : int
-        How many displacements the structure imposes on it.
-
-    Returns
-    -------
-    RestoringForce
-        Outside JAX, of one run.
-
-    Raises
-    ------
-    InputError
-        If no such displacements can be imposed on it.
-    """
+    """Give the force of a model without free parameters against displacements."""
     force = as_traceable(model, "key 'specimen.model'").static_force(np.zeros((1, 0)))
     if force is None or force.dofs != dofs:
         came = f"a {model.kind_in_words}" + (
@@ -94,69 +52,30 @@ def force_of(model: Model, dofs: int) -> RestoringForce:
 
 
 class CutStructure(ABC):
-    """A structure of two parts.
+    """A structure of two parts."""
 
-    Attributes
-    ----------
-    channels, units : tuple of str
-        Of the specimen.
-    alike : UpdatedSprings or None
-        Springs of the numerical part that take over what is learnt of the specimen.
-    """
-
-    alike: UpdatedSprings | None = None
-    channels: tuple[str, ...]
-    units: tuple[str, ...]
+    alike: UpdatedSprings | None = None  # Springs of the numerical part that take over what is learnt of the specimen
+    channels: tuple[str, ...]  # Of the specimen
+    units: tuple[str, ...]  # Of the specimen
 
     @abstractmethod
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part.
-
-        Parameters
-        ----------
-        modes : int
-            Of the numerical part, where it is reduced.
-
-        Returns
-        -------
-        tuple of Substructure
-            The physical one with what is expected of it in a virtual run.
-        """
+        """Give numerical and physical part."""
 
 
 @dataclass(frozen=True)
 class CutFrame(CutStructure):
-    """A shear frame above its lowest storey.
+    """A shear frame above its lowest storey."""
 
-    Parameters
-    ----------
-    section : ShearFrameSection
-        What the file says.
-    expected : Model
-        What the specimen is expected to be.
-    alike : UpdatedSprings or None
-        Springs of the storeys above, where they are built like the specimen and take over what is learnt of it.
-    """
-
-    section: ShearFrameSection
-    expected: Model
+    section: ShearFrameSection  # What the file says
+    expected: Model  # What the specimen is expected to be
+    # Springs of the storeys above, where they are built like the specimen and take over what is learnt of it
     alike: UpdatedSprings | None = None
     channels = ("drift",)
     units = ("m",)
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part; see `CutStructure.parts`.
-
-        Parameters
-        ----------
-        modes : int
-            Not used.
-
-        Returns
-        -------
-        tuple of Substructure
-            The storeys above, and the lowest one.
-        """
+        """Give numerical and physical part; see `CutStructure.parts`."""
         given = self.section
         frame = ShearFrame(
             storeys=given.storeys, mass=given.mass, stiffness=given.stiffness, damping_ratio=given.damping_ratio,
@@ -172,37 +91,16 @@ class CutFrame(CutStructure):
 
 @dataclass(frozen=True)
 class CutFacade(CutStructure):
-    """A facade of two storeys.
+    """A facade of two storeys."""
 
-    Parameters
-    ----------
-    section : FacadeSection
-        What the file says.
-    expected : Model
-        What the specimen is expected to be.
-    folder : Path
-        Where relative paths start.
-    """
-
-    section: FacadeSection
-    expected: Model
-    folder: Path
+    section: FacadeSection  # What the file says
+    expected: Model  # What the specimen is expected to be
+    folder: Path  # Where relative paths start
     channels = ("u_x", "u_y", "theta")
     units = ("m", "m", "rad")
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part; see `CutStructure.parts`.
-
-        Parameters
-        ----------
-        modes : int
-            Of the upper storey.
-
-        Returns
-        -------
-        tuple of Substructure
-            The upper and the lower storey.
-        """
+        """Give numerical and physical part; see `CutStructure.parts`."""
         given = self.section
         wall = cast(MasonryWall, moved_model(given.wall, self.folder))  # the schema allows no other
         cut = facade_parts(wall, modes=modes, masses=FloorMasses(given.floor_mass, given.roof_mass))
@@ -213,25 +111,7 @@ class CutFacade(CutStructure):
 
 
 def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> UpdatedSprings:
-    """Make springs for the storeys above the specimen that are like it.
-
-    Parameters
-    ----------
-    section : ShearFrameSection
-        Its table.
-    specimen : RestoringForce
-        What is expected of the specimen.
-
-    Returns
-    -------
-    UpdatedSprings
-        From each floor to the next.
-
-    Raises
-    ------
-    InputError
-        If the specimen is no spring.
-    """
+    """Make springs for the storeys above the specimen that are like it."""
     if not isinstance(specimen, HystereticSprings):
         raise InputError("key 'online.update'", "true, and a specimen that is no spring", "a law of springs, or false")
     count = section.storeys - 1
@@ -243,24 +123,7 @@ def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> Updated
 def cut_structure(
     section: ShearFrameSection | FacadeSection, expected: ModelSection, folder: Path, alike: bool = False
 ) -> CutStructure:
-    """Build the structure of a programme.
-
-    Parameters
-    ----------
-    section : ShearFrameSection or FacadeSection
-        Its table.
-    expected : ModelSection
-        What the specimen is expected to be.
-    folder : Path
-        Where relative paths start.
-    alike : bool
-        Whether the numerical part is built like the specimen, and takes over what is learnt of it while a test runs.
-
-    Returns
-    -------
-    CutStructure
-        Its parts.
-    """
+    """Build the structure of a programme."""
     if isinstance(section, ShearFrameSection):
         model = moved_model(expected, folder)
         return CutFrame(section, model, built_alike(section, force_of(model, 1)) if alike else None)

@@ -43,18 +43,7 @@ class SamplerSection(Section):
 
 
 def model_section(kinds: Iterable[ModelKind]) -> Any:
-    """Type of a table that names one of several kinds of model.
-
-    Parameters
-    ----------
-    kinds : iterable of ModelKind
-        Those that may be named.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of a table that names one of several kinds of model."""
     sections = [_model_section(kind) for kind in kinds]
     if len(sections) == 1:
         return sections[0]
@@ -74,35 +63,13 @@ def _model_section(kind: ModelKind) -> Any:
 
 
 def virtual_section(kinds: Iterable[ModelKind]) -> Any:
-    """Type of the table of a virtual experiment.
-
-    Parameters
-    ----------
-    kinds : iterable of ModelKind
-        Models that may be the truth.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of the table of a virtual experiment."""
     model: Any = model_section(kinds)
     return create_model("virtual_section", __base__=VirtualSection, model=(model, ...))
 
 
 def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
-    """Type of the table of a surrogate: the keys of all kinds, of which each knows some.
-
-    Parameters
-    ----------
-    kinds : iterable of SurrogateKind
-        Those that may be named.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of the table of a surrogate: the keys of all kinds, of which each knows some."""
     named = [kind for kind in kinds if kind.word]
     tag: Any = Literal[tuple(["none", *(kind.word for kind in named)])]
     keys: dict[str, Any] = {key: (type_ | None, None) for kind in named for key, type_ in kind.keys.items()}
@@ -110,18 +77,7 @@ def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
 
 
 def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
-    """Type of the table of the discrepancy: the keys of all laws, of which each knows some.
-
-    Parameters
-    ----------
-    kinds : iterable of LawKind
-        Those that may be named.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of the table of the discrepancy: the keys of all laws, of which each knows some."""
     laws = list(kinds)
     tag: Any = Literal[tuple([AUTO, *(law.word for law in laws)])]
     number_or_prior: Any = float | str | PriorSection | None
@@ -131,18 +87,7 @@ def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
 
 
 def sampler_section(kinds: Iterable[SamplerKind]) -> Any:
-    """Type of the table of the sampler: the keys of all samplers, of which each knows some.
-
-    Parameters
-    ----------
-    kinds : iterable of SamplerKind
-        Those that may be named.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
+    """Type of the table of the sampler: the keys of all samplers, of which each knows some."""
     samplers = list(kinds)
     tag: Any = Literal[tuple(sampler.word for sampler in samplers)]
     keys: dict[str, Any] = {key: (type_ | None, None) for each in samplers for key, type_ in each.keys.items()}

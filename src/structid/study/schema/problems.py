@@ -12,15 +12,7 @@ from structid.core.errors import InputError, suggestion
 
 
 class StudyErrors(InputError):
-    """Everything that is wrong with a study file.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    problems : list of str
-        One paragraph for each.
-    """
+    """Everything that is wrong with a study file."""
 
     def __init__(self, path: str, problems: list[str]) -> None:
         self.path, self.problems = path, problems
@@ -35,22 +27,7 @@ _VARIANTS = {"float", "str", "PriorSection", "int"}
 
 
 def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str:
-    """Say what is wrong in one paragraph: key, what came, what is allowed, what to do.
-
-    Parameters
-    ----------
-    error : dict
-        As pydantic gives it.
-    content : dict
-        The whole file, as TOML gives it.
-    schema : type
-        Of the whole file.
-
-    Returns
-    -------
-    str
-        The paragraph.
-    """
+    """Say what is wrong in one paragraph: key, what came, what is allowed, what to do."""
     words, tags = _words_of_models(schema), _tags(schema)
     steps = [
         s

@@ -80,13 +80,7 @@ class StudyFile(CalibrationFile):
 
 
 def study_file() -> type[StudyFile]:
-    """Type of a study file, with the kinds that are registered now.
-
-    Returns
-    -------
-    type
-        A `StudyFile`.
-    """
+    """Type of a study file, with the kinds that are registered now."""
     return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
 
 
@@ -118,44 +112,12 @@ def _study_file(
 
 
 def read_study(path: str | Path) -> StudyFile:
-    """Read a study file and check every key.
-
-    Parameters
-    ----------
-    path : path-like
-        A TOML file.
-
-    Returns
-    -------
-    StudyFile
-        Its content, quantities in SI.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
-    """
+    """Read a study file and check every key."""
     return parse_study(study_content(path), str(path))
 
 
 def study_content(path: str | Path) -> dict[str, Any]:
-    """Read the tables of a study file.
-
-    Parameters
-    ----------
-    path : path-like
-        A TOML file.
-
-    Returns
-    -------
-    dict
-        As TOML gives it.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is no TOML.
-    """
+    """Read the tables of a study file."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
@@ -171,23 +133,7 @@ def study_content(path: str | Path) -> dict[str, Any]:
 
 
 def study_text(file: Path) -> str:
-    """Read the text of a study file: UTF-8 or UTF-16, as editors save it.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-
-    Returns
-    -------
-    str
-        Its text, without a byte-order mark.
-
-    Raises
-    ------
-    InputError
-        If it is in another encoding.
-    """
+    """Read the text of a study file: UTF-8 or UTF-16, as editors save it."""
     raw = file.read_bytes()
     try:
         marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -204,25 +150,7 @@ def study_text(file: Path) -> str:
 
 
 def parse_study(content: dict[str, Any], path: str = "study") -> StudyFile:
-    """Check the content of a study file.
-
-    Parameters
-    ----------
-    content : dict
-        As TOML gives it.
-    path : str
-        Its name, for messages.
-
-    Returns
-    -------
-    StudyFile
-        The study.
-
-    Raises
-    ------
-    StudyErrors
-        With everything that is wrong.
-    """
+    """Check the content of a study file."""
     try:
         return study_file().model_validate(content)
     except pydantic.ValidationError as errors:

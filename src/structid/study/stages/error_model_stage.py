@@ -37,20 +37,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
 
 
 def with_law(found: Findings, choice: LawChoice) -> Findings:
-    """Take the chosen law.
-
-    Parameters
-    ----------
-    found : Findings
-        With posteriors under another law.
-    choice : LawChoice
-        The choice.
-
-    Returns
-    -------
-    Findings
-        With posteriors under the chosen one, and a sampler for its hidden values where the study names none that can draw them.
-    """
+    """Take the chosen law."""
     study, law = found.study, choice.posterior.law
     assert found.true_posterior is not None
     posterior = study.sampled.on(law=law)
@@ -66,21 +53,7 @@ def with_law(found: Findings, choice: LawChoice) -> Findings:
 
 
 def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
-    """Choose the sampler for a posterior under another law.
-
-    Parameters
-    ----------
-    study : BuiltStudy
-        With its own sampler.
-    posterior : Posterior
-        Under the law.
-
-    Returns
-    -------
-    Sampler
-        The study's, if it names one that has enough walkers. Else `WITH_HIDDEN_VALUES` or `FOR_CORRELATED_ERRORS`. An SMC as it
-        comes is none that was chosen for values at knots: six times the particles and moves, which do not make it converge.
-    """
+    """Choose the sampler for a posterior under another law."""
     own = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
     named = "sampler" in study.file.model_fields_set
     if posterior.law.inside:

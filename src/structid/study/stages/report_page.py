@@ -23,15 +23,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
 
 
 def write_runs_page(found: Findings, place: Workplace) -> None:
-    """Write the page of true runs, and of what was fitted to them.
-
-    Parameters
-    ----------
-    found : Findings
-        With runs.
-    place : Workplace
-        Where it goes.
-    """
+    """Write the page of true runs, and of what was fitted to them."""
     file, study = found.study.file, found.parameter_study
     runs = study.runs if found.runs is None and study is not None else found.runs
     material = RunsMaterial(file.title or file.name, place.settings, runs, found.surrogate, parameter_study=study)
@@ -46,22 +38,7 @@ def _write_page(material: PosteriorMaterial, place: Workplace) -> None:
 
 
 def posterior_material(found: Findings, result: SamplingResult, place: Workplace) -> PosteriorMaterial:
-    """Put together what a calibration leaves for its page.
-
-    Parameters
-    ----------
-    found : Findings
-        With draws.
-    result : SamplingResult
-        Those draws.
-    place : Workplace
-        Where the study is.
-
-    Returns
-    -------
-    PosteriorMaterial
-        For the sections of a page.
-    """
+    """Put together what a calibration leaves for its page."""
     study = found.study
     assert found.true_posterior is not None
     return PosteriorMaterial(

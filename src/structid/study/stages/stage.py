@@ -25,30 +25,14 @@ from structid.surrogates.base import Surrogate
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
-    """Where and how a study is run.
+    """Where and how a study is run."""
 
-    Parameters
-    ----------
-    folder : Path
-        For everything that it makes.
-    stage : callable
-        Opens a progress bar for a named stage.
-    executor : object
-        Where an external model's runs are done.
-    retry : bool
-        Repeat runs of the campaign that failed before.
-    adopt : bool
-        Keep the true runs of another version of the model.
-    page : bool
-        Write the page.
-    """
-
-    folder: Path
-    stage: Stage
-    executor: Any = None
-    retry: bool = False
-    adopt: bool = False
-    page: bool = True
+    folder: Path  # For everything that it makes
+    stage: Stage  # Opens a progress bar for a named stage
+    executor: Any = None  # Where an external model's runs are done
+    retry: bool = False  # Repeat runs of the campaign that failed before
+    adopt: bool = False  # Keep the true runs of another version of the model
+    page: bool = True  # Write the page
 
     @cached_property
     def timings(self) -> Timings:
@@ -63,45 +47,19 @@ class Workplace:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What the stages of a study have found so far.
+    """What the stages of a study have found so far."""
 
-    Parameters
-    ----------
-    study : BuiltStudy
-        The study, with the posterior and the sampler to be used.
-    true_posterior : Posterior or None
-        The posterior under the model itself.
-    runs : Runs or None
-        The true runs.
-    surrogate : Surrogate or None
-        What stands in for the model, validated or certified.
-    calibration : CalibrationResult or None
-        Certificate and rounds.
-    searches : dict of str to OptimizeResult
-        Deterministic calibrations by method.
-    law_choice : LawChoice or None
-        Which law of the errors the data have chosen, where it was left to them.
-    result : SamplingResult or None
-        Draws and verdict.
-    parameter_study : ParameterStudy or None
-        What runs over the priors tell.
-    fragility : Fragility or None
-        The probability of a passage, given the data.
-    material : PosteriorMaterial or None
-        All of it as a page takes it, with what the page has simulated.
-    """
-
-    study: BuiltStudy
-    true_posterior: Posterior | None = None
-    runs: Runs | None = None
-    surrogate: Surrogate | None = None
-    calibration: CalibrationResult | None = None
-    searches: dict[str, OptimizeResult] = field(default_factory=dict)
-    law_choice: LawChoice | None = None
-    result: SamplingResult | None = None
-    parameter_study: ParameterStudy | None = None
-    fragility: Fragility | None = None
-    material: PosteriorMaterial | None = None
+    study: BuiltStudy  # The study, with the posterior and the sampler to be used
+    true_posterior: Posterior | None = None  # The posterior under the model itself
+    runs: Runs | None = None  # The true runs
+    surrogate: Surrogate | None = None  # What stands in for the model, validated or certified
+    calibration: CalibrationResult | None = None  # Certificate and rounds
+    searches: dict[str, OptimizeResult] = field(default_factory=dict)  # Deterministic calibrations by method
+    law_choice: LawChoice | None = None  # Which law of the errors the data have chosen, where it was left to them
+    result: SamplingResult | None = None  # Draws and verdict
+    parameter_study: ParameterStudy | None = None  # What runs over the priors tell
+    fragility: Fragility | None = None  # The probability of a passage, given the data
+    material: PosteriorMaterial | None = None  # All of it as a page takes it, with what the page has simulated
 
 
 @dataclass(frozen=True)

@@ -19,31 +19,16 @@ from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 
 @dataclass(frozen=True, eq=False)
 class ChaosExpansion:
-    """A fitted polynomial chaos expansion of one output or many.
-
-    Parameters
-    ----------
-    basis : PolynomialBasis
-        Every term that some output uses.
-    coefficients : ndarray, shape (term, output)
-        Zero where an output does not use a term.
-    leave_one_out_error : ndarray, shape (output,)
-        Corrected leave-one-out error relative to the variance of the output.
-    truncation : tuple of tuple
-        The degree and hyperbolic norm chosen for each output.
-    theta : ndarray, shape (run, parameter)
-        The points it was fitted to, in SI.
-    outputs : ndarray, shape (run, output)
-        The values there.
-    """
+    """A fitted polynomial chaos expansion of one output or many."""
 
     word: ClassVar[str] = "ChaosExpansion"
-    basis: PolynomialBasis
-    coefficients: Float[np.ndarray, "term output"]
+    basis: PolynomialBasis  # Every term that some output uses
+    coefficients: Float[np.ndarray, "term output"]  # Zero where an output does not use a term
+    # Corrected leave-one-out error relative to the variance of the output
     leave_one_out_error: Float[np.ndarray, " output"]
-    truncation: tuple[tuple[int, float], ...]
-    theta: Float[np.ndarray, "run parameter"]
-    outputs: Float[np.ndarray, "run output"]
+    truncation: tuple[tuple[int, float], ...]  # The degree and hyperbolic norm chosen for each output
+    theta: Float[np.ndarray, "run parameter"]  # The points it was fitted to, in SI
+    outputs: Float[np.ndarray, "run output"]  # The values there
 
     @property
     def terms(self) -> np.ndarray:
@@ -70,62 +55,18 @@ class ChaosExpansion:
         return np.asarray(~self.basis.indices.any(axis=1))
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
-        """Predict the outputs.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Outputs, of the same kind as `theta`.
-        """
+        """Predict the outputs."""
         return self.basis.evaluate(theta) @ self.coefficients
 
     def deviation(self, theta: Float[Array, "run parameter"]) -> None:
-        """Return None: an expansion has no error estimate that varies with the point; see `Regression.deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-        """
+        """Return None: an expansion has no error estimate that varies with the point; see `Regression.deviation`."""
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, None]:
-        """Predict the outputs; there are no standard deviations; see `Regression.predict_with_deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of array and None
-            What `predict` and `deviation` return.
-        """
+        """Predict the outputs; there are no standard deviations; see `Regression.predict_with_deviation`."""
         return self.predict(theta), None
 
     def sobol_indices(self, order: int | Literal["total"] = 1) -> Float[np.ndarray, "*parameter output"]:
-        """Compute Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002).
-
-        Parameters
-        ----------
-        order : {1, 2, "total"}
-            First order, second order (pairs) or total.
-
-        Returns
-        -------
-        ndarray, shape (parameter, output), or (parameter, parameter, output) for pairs
-            Sᵢ, S_T,ᵢ or Sᵢⱼ; the diagonal of the pairs is zero.
-
-        Raises
-        ------
-        InputError
-            If the parameters are dependent, so that the variance has no such shares, or `order` is none of these.
-        """
+        """Compute Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002)."""
         if order not in (1, 2, "total"):
             raise InputError("sobol_indices: order", f"{order!r}", '1, 2 or "total"')
         if self.basis.space.correlation is not None:
@@ -142,25 +83,7 @@ class ChaosExpansion:
         return np.asarray(keep.T.astype(float) @ share)
 
     def bootstrap(self, replicates: int, seed: int) -> Float[np.ndarray, "replicate term output"]:
-        """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979).
-
-        Parameters
-        ----------
-        replicates : int
-            Number of refits.
-        seed : int
-            Seed of the draws.
-
-        Returns
-        -------
-        ndarray, shape (replicate, term, output)
-            Coefficients; their standard deviation shows how well the runs determine them.
-
-        Raises
-        ------
-        InputError
-            If the expansion was fitted by shrinkage.
-        """
+        """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979)."""
         if self.basis.box is not None:
             raise InputError(
                 "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
@@ -178,13 +101,7 @@ class ChaosExpansion:
         return found
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the contents of the expansion, without its parameter space, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Return the contents of the expansion, without its parameter space, for a file."""
         arrays = {
             "indices": self.basis.indices,
             **({} if self.basis.box is None else {"box": self.basis.box}),
@@ -200,22 +117,7 @@ class ChaosExpansion:
     def from_plain(
         cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> ChaosExpansion:
-        """Rebuild an expansion from what `to_plain` returned.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The parameters.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        ChaosExpansion
-            The same expansion.
-        """
+        """Rebuild an expansion from what `to_plain` returned."""
         return cls(
             PolynomialBasis(space, arrays["indices"], arrays.get("box")),
             arrays["coefficients"],

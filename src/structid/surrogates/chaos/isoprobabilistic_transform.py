@@ -13,20 +13,7 @@ from structid.probability.space import ParameterSpace
 
 
 def standard_normal(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-    """Transform parameters to independent standard normal variables, ξ = L⁻¹ Φ⁻¹(F(θ)), L Lᵀ = R.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The parameters and their prior.
-    theta : ndarray or jax.Array, shape (run, parameter)
-        Points in SI.
-
-    Returns
-    -------
-    array, shape (run, parameter)
-        ξ, of the same kind as `theta`; points at the edge of the support stay finite.
-    """
+    """Transform parameters to independent standard normal variables, ξ = L⁻¹ Φ⁻¹(F(θ)), L Lᵀ = R."""
     correlation = np.eye(space.dimension) if space.correlation is None else space.correlation
     whitening = np.linalg.inv(np.linalg.cholesky(correlation))
     if isinstance(theta, np.ndarray):

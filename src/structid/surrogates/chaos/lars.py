@@ -23,20 +23,11 @@ FIRST_PATH = 120
 
 @dataclass(frozen=True, eq=False)
 class NestedFits:
-    """Least squares on the first 1, 2, … columns of a matrix.
+    """Least squares on the first 1, 2, … columns of a matrix."""
 
-    Parameters
-    ----------
-    residual_variance : ndarray, shape (size,)
-        Mean squared residual.
-    leave_one_out : ndarray, shape (size,)
-        Mean squared leave-one-out residual.
-    correction : ndarray, shape (size,)
-        Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column on.
-    """
-
-    residual_variance: Float[np.ndarray, " size"]
-    leave_one_out: Float[np.ndarray, " size"]
+    residual_variance: Float[np.ndarray, " size"]  # Mean squared residual
+    leave_one_out: Float[np.ndarray, " size"]  # Mean squared leave-one-out residual
+    # Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column on
     correction: Float[np.ndarray, " size"]
 
     @property
@@ -51,18 +42,6 @@ def nested_least_squares(columns: Float[np.ndarray, "run term"], response: Float
     With Ψ = QR the hat matrix of the first P columns is Q_P Q_Pᵀ. Both the residual y − Q_P Q_Pᵀ y and the leverages
     h = Σ qᵢ² are therefore running sums, and the leave-one-out residual is (y − ŷ)/(1 − h) (thesis eq. 2.41). R_P⁻¹ is the
     leading block of R⁻¹, so tr (ΨᵀΨ)⁻¹ = ‖R_P⁻¹‖² is a running sum too. Correction: Chapelle, Vapnik & Bengio 2002.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (run, term)
-        The terms, in the order in which they enter.
-    response : ndarray, shape (run,)
-        The response to fit.
-
-    Returns
-    -------
-    NestedFits
-        One entry for each number of columns.
     """
     runs, terms = columns.shape
     q, r = np.linalg.qr(columns)
@@ -81,24 +60,7 @@ def nested_least_squares(columns: Float[np.ndarray, "run term"], response: Float
 def least_angle_order(
     gram: Float[np.ndarray, "term term"], covariance: Float[np.ndarray, " term"], runs: int, most: int
 ) -> np.ndarray:
-    """Return the order in which least angle regression adds terms (Efron et al. 2004, doi 10.1214/009053604000000067).
-
-    Parameters
-    ----------
-    gram : ndarray, shape (term, term)
-        Inner products of the standardised terms.
-    covariance : ndarray, shape (term,)
-        Their inner products with the response.
-    runs : int
-        Number of runs.
-    most : int
-        Largest number of steps.
-
-    Returns
-    -------
-    ndarray of int
-        Positions of the terms.
-    """
+    """Return the order in which least angle regression adds terms (Efron et al. 2004, doi 10.1214/009053604000000067)."""
     from sklearn.linear_model import lars_path_gram  # scikit-learn takes a second to import
 
     with warnings.catch_warnings():
@@ -118,21 +80,11 @@ def least_angle_order(
 
 @dataclass(frozen=True, eq=False)
 class SparseFit:
-    """A sparse least-squares model.
+    """A sparse least-squares model."""
 
-    Parameters
-    ----------
-    active : ndarray of int, shape (active,)
-        The columns it uses.
-    coefficients : ndarray, shape (active,)
-        Their coefficients.
-    leave_one_out_error : float
-        Corrected leave-one-out error relative to the variance of the response.
-    """
-
-    active: Int[np.ndarray, " active"]
+    active: Int[np.ndarray, " active"]  # The columns it uses
     coefficients: Float[np.ndarray, " active"]
-    leave_one_out_error: float
+    leave_one_out_error: float  # Corrected leave-one-out error relative to the variance of the response
 
 
 def orthogonal_order(
@@ -143,20 +95,6 @@ def orthogonal_order(
     Works on inner products alone, as a Cholesky factorisation whose pivot is the term with the largest error reduction c²/d.
     Of the part of a term that is orthogonal to the terms already chosen, d is the squared norm and c the inner product with the
     residual (Chen, Billings & Luo 1989, doi 10.1080/00207178908953472).
-
-    Parameters
-    ----------
-    gram : ndarray, shape (term, term)
-        Inner products of the terms.
-    covariance : ndarray, shape (term,)
-        Their inner products with the response.
-    most : int
-        Largest number of steps.
-
-    Returns
-    -------
-    ndarray of int
-        Positions of the terms; terms that depend on those before them are left out.
     """
     factor = np.zeros((most, len(gram)))
     norm, inner = np.diag(gram).copy(), covariance.astype(np.float64).copy()
@@ -183,13 +121,6 @@ class SparseRegression:
     The terms are ordered by least angle regression or by orthogonal least squares. Ordinary least squares is fitted on the
     first 1, 2, … of them, and the model with the smallest corrected leave-one-out error is kept (Blatman & Sudret 2011,
     doi 10.1016/j.jcp.2010.12.021).
-
-    Parameters
-    ----------
-    columns : ndarray, shape (run, term)
-        The design matrix; its first column is the constant.
-    method : {"lars", "forward", "sparse"}
-        Least angle regression, orthogonal least squares, or whichever of the two is clearly better.
     """
 
     def __init__(self, columns: Float[np.ndarray, "run term"], method: str = "sparse") -> None:
@@ -201,18 +132,7 @@ class SparseRegression:
         self._gram = self._standard.T @ self._standard
 
     def fit(self, response: Float[np.ndarray, " run"]) -> SparseFit:
-        """Fit one response.
-
-        Parameters
-        ----------
-        response : ndarray, shape (run,)
-            The response to fit; not constant.
-
-        Returns
-        -------
-        SparseFit
-            The sparse model.
-        """
+        """Fit one response."""
         if self.method != "sparse":
             return self._along(response, self.method)
         lars, forward = self._along(response, "lars"), self._along(response, "forward")
@@ -247,19 +167,6 @@ class SparseRegression:
 def least_squares(
     columns: Float[np.ndarray, "run term"], response: Float[np.ndarray, " run"]
 ) -> Float[np.ndarray, " term"]:
-    """Solve ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR factorisation.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (run, term)
-        Ψ, of full column rank.
-    response : ndarray, shape (run,) or (run, output)
-        y.
-
-    Returns
-    -------
-    ndarray, shape (term,) or (term, output)
-        The coefficients.
-    """
+    """Solve ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR factorisation."""
     q, r = np.linalg.qr(columns)
     return np.asarray(scipy.linalg.solve_triangular(r, q.T @ response))

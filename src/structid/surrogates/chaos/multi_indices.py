@@ -19,29 +19,7 @@ LARGEST_BASIS = 200_000
 def multi_indices(
     dimension: int, degree: int, hyperbolic_norm: float = 1.0, interaction: int | None = None
 ) -> Int[np.ndarray, "term parameter"]:
-    """Return the multi-indices α with ‖α‖_q ≤ p and at most r non-zero entries (thesis eqs. 2.37, 2.38).
-
-    Parameters
-    ----------
-    dimension : int
-        Number of parameters.
-    degree : int
-        Largest total degree p.
-    hyperbolic_norm : float
-        q of the norm ‖α‖_q = (Σ αᵢ^q)^(1/q), in (0, 1]; 1 keeps every product up to the total degree.
-    interaction : int, optional
-        Largest number r of parameters in one product.
-
-    Returns
-    -------
-    ndarray of int, shape (term, parameter)
-        Ordered by total degree, the constant first.
-
-    Raises
-    ------
-    InputError
-        If `hyperbolic_norm` or `degree` is out of range, or the basis has more than `LARGEST_BASIS` terms.
-    """
+    """Return the multi-indices α with ‖α‖_q ≤ p and at most r non-zero entries (thesis eqs. 2.37, 2.38)."""
     if not (0 < hyperbolic_norm <= 1):
         raise InputError("hyperbolic_norm", f"{hyperbolic_norm}", "a number in (0, 1]")
     if degree < 0 or int(degree) != degree:
@@ -69,18 +47,7 @@ def multi_indices(
 
 
 def by_degree(indices: Int[np.ndarray, "term parameter"]) -> Int[np.ndarray, " term"]:
-    """Return the order of multi-indices: by total degree, and within a degree those of the first parameters first.
-
-    Parameters
-    ----------
-    indices : ndarray of int, shape (term, parameter)
-        The multi-indices.
-
-    Returns
-    -------
-    ndarray of int, shape (term,)
-        Their positions in that order.
-    """
+    """Return the order of multi-indices: by total degree, and within a degree those of the first parameters first."""
     return np.lexsort((*(-indices.T[::-1]), indices.sum(axis=1)))
 
 

@@ -23,27 +23,14 @@ class OrthonormalFamily:
     """Polynomials orthonormal under one distribution, by their three-term recurrence.
 
     x pₙ(x) = bₙ₊₁ pₙ₊₁(x) + aₙ pₙ(x) + bₙ pₙ₋₁(x),  p₀ = 1  (Gautschi 2004, Orthogonal Polynomials, eq. 1.3.13).
-
-    Parameters
-    ----------
-    name : str
-        ``"Legendre"``, ``"Hermite"``, … or ``"numerical"``.
-    a : ndarray, shape (degree,)
-        Recurrence coefficients a₀, a₁, …
-    b : ndarray, shape (degree,)
-        Recurrence coefficients b₁, b₂, …
-    shift, scale : float
-        The polynomials' variable is (g(x) − shift)/scale.
-    logarithmic : bool
-        Whether g is the logarithm; otherwise it is the identity.
     """
 
-    name: str
-    a: Float[np.ndarray, " degree"]
-    b: Float[np.ndarray, " _"]
-    shift: float
-    scale: float
-    logarithmic: bool = False
+    name: str  # ``"Legendre"``, ``"Hermite"``, … or ``"numerical"``
+    a: Float[np.ndarray, " degree"]  # Recurrence coefficients a₀, a₁, …
+    b: Float[np.ndarray, " _"]  # Recurrence coefficients b₁, b₂, …
+    shift: float  # The polynomials' variable is (g(x) − shift)/scale
+    scale: float  # The polynomials' variable is (g(x) − shift)/scale
+    logarithmic: bool = False  # Whether g is the logarithm; otherwise it is the identity
 
     @classmethod
     def of(cls, marginal: Marginal, degree: int) -> OrthonormalFamily:
@@ -51,18 +38,6 @@ class OrthonormalFamily:
 
         A lognormal variable enters by its logarithm, because its own polynomials are not complete (Ernst et al. 2012,
         doi 10.1051/m2an/2011045). A truncated distribution, or one without a classical family, gets a numerical recurrence.
-
-        Parameters
-        ----------
-        marginal : Marginal
-            The distribution, in SI.
-        degree : int
-            Largest degree.
-
-        Returns
-        -------
-        OrthonormalFamily
-            The polynomials.
         """
         truncated = np.isfinite(_truncation(marginal)).any()
         n = np.arange(degree + 1, dtype=np.float64)
@@ -87,20 +62,7 @@ class OrthonormalFamily:
 
     @classmethod
     def legendre(cls, low: float, high: float, degree: int) -> OrthonormalFamily:
-        """Return Legendre polynomials, orthonormal under the uniform distribution on a range.
-
-        Parameters
-        ----------
-        low, high : float
-            The range.
-        degree : int
-            Largest degree.
-
-        Returns
-        -------
-        OrthonormalFamily
-            The polynomials.
-        """
+        """Return Legendre polynomials, orthonormal under the uniform distribution on a range."""
         n = np.arange(degree + 1, dtype=np.float64)
         # a = 0, bₙ = n/√(4n² − 1)
         return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
@@ -109,20 +71,6 @@ class OrthonormalFamily:
         """Expand another family's polynomials in these, by Gauss quadrature.
 
         Outside the range the other family's polynomials keep the value they have at its edge.
-
-        Parameters
-        ----------
-        other : OrthonormalFamily
-            Polynomials of the same variable: of the logarithm if this family uses it.
-        degree : int
-            Largest degree. This family's recurrence goes further and provides the quadrature nodes.
-        low, high : float
-            The range.
-
-        Returns
-        -------
-        ndarray, shape (degree + 1, degree + 1)
-            Column n holds the coefficients of the other family's polynomial of degree n.
         """
         # Golub & Welsch 1969: the nodes are the eigenvalues of the Jacobi matrix, the weights the squared first components
         # of its eigenvectors.
@@ -134,18 +82,7 @@ class OrthonormalFamily:
 
     @classmethod
     def standard_normal(cls, degree: int) -> OrthonormalFamily:
-        """Return Hermite polynomials, orthonormal under the standard normal distribution.
-
-        Parameters
-        ----------
-        degree : int
-            Largest degree.
-
-        Returns
-        -------
-        OrthonormalFamily
-            The polynomials.
-        """
+        """Return Hermite polynomials, orthonormal under the standard normal distribution."""
         return cls("Hermite", np.zeros(degree + 1), np.sqrt(np.arange(1.0, degree + 1)), 0.0, 1.0)
 
     @classmethod
@@ -160,20 +97,7 @@ class OrthonormalFamily:
         return cls("numerical", a, b, shift, scale, logarithmic)
 
     def evaluate(self, x: Float[Array, " run"], degree: int) -> list[Any]:
-        """Evaluate the polynomials.
-
-        Parameters
-        ----------
-        x : ndarray or jax.Array, shape (run,)
-            Points, in SI.
-        degree : int
-            Largest degree.
-
-        Returns
-        -------
-        list of array, shape (run,)
-            p₀(x), p₁(x), … p_degree(x), of the same kind as `x`.
-        """
+        """Evaluate the polynomials."""
         numpy = namespace(x)
         return self._recurrence(((numpy.log(x) if self.logarithmic else x) - self.shift) / self.scale, degree)
 
@@ -221,18 +145,6 @@ def lanczos_recurrence(
 
     Tridiagonalises diag(nodes) from the start vector √weights with full orthogonalisation. This stays accurate where the
     Stieltjes procedure does not (Gautschi 2004, section 2.2.3).
-
-    Parameters
-    ----------
-    nodes, weights : ndarray, shape (node,)
-        The discrete distribution; the weights are positive and sum to 1.
-    degree : int
-        Largest degree; smaller than the number of nodes.
-
-    Returns
-    -------
-    tuple of ndarray
-        a₀, a₁, … of shape (degree + 1,) and b₁, b₂, … of shape (degree,).
     """
     basis = np.zeros((degree + 1, len(nodes)))
     basis[0] = np.sqrt(weights)

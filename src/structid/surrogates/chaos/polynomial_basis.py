@@ -24,21 +24,13 @@ class PolynomialBasis:
     """Tensor products of the orthonormal polynomials of a parameter space.
 
     Dependent parameters are first transformed to independent standard normal variables.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The parameters.
-    indices : ndarray of int, shape (term, parameter)
-        Degree of every parameter in every term.
-    box : ndarray, shape (parameter, 2), optional
-        If given, the polynomials are Legendre polynomials on this range of each variable: they stay small all over it. Outside
-        the range they keep their value at its edge. The range of an independent parameter is in SI, that of a lognormal one is
-        the range of its logarithm, and that of dependent ones is in standard normal variables.
     """
 
-    space: ParameterSpace
-    indices: Int[np.ndarray, "term parameter"]
+    space: ParameterSpace  # The parameters
+    indices: Int[np.ndarray, "term parameter"]  # Degree of every parameter in every term
+    # If given, the polynomials are Legendre polynomials on this range of each variable: they stay small all over it.
+    # Outside the range they keep their value at its edge. The range of an independent parameter is in SI, that of a
+    # lognormal one is the range of its logarithm, and that of dependent ones is in standard normal variables
     box: Float[np.ndarray, "parameter 2"] | None = None
 
     @cached_property
@@ -50,18 +42,7 @@ class PolynomialBasis:
         return self.prior_families(degrees)
 
     def prior_families(self, degrees: Int[np.ndarray, " parameter"]) -> tuple[OrthonormalFamily, ...]:
-        """Return the families that are orthonormal under the prior.
-
-        Parameters
-        ----------
-        degrees : ndarray of int, shape (parameter,)
-            Largest degree of each parameter.
-
-        Returns
-        -------
-        tuple of OrthonormalFamily
-            One for each parameter.
-        """
+        """Return the families that are orthonormal under the prior."""
         if self.space.correlation is not None:
             return tuple(OrthonormalFamily.standard_normal(int(d)) for d in degrees)
         return tuple(
@@ -76,18 +57,7 @@ class PolynomialBasis:
         return PolynomialBasis(self.space, self.indices[terms], self.box)
 
     def evaluate(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run term"]:
-        """Evaluate every term.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, term)
-            Of the same kind as `theta`.
-        """
+        """Evaluate every term."""
         numpy = namespace(theta)
         germ = self.variables(theta)
         degrees = self.indices.max(axis=0, initial=0)
@@ -101,18 +71,7 @@ class PolynomialBasis:
         return product
 
     def variables(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Return the variables of the polynomials: the parameters, or what they are transformed to first; see `box`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, parameter)
-            Of the same kind as `theta`.
-        """
+        """Return the variables of the polynomials: the parameters, or what they are transformed to first; see `box`."""
         if self.space.correlation is not None and self.box is None:
             return standard_normal(self.space, theta)
         if self.box is None:
@@ -120,18 +79,7 @@ class PolynomialBasis:
         return namespace(theta).clip(box_variables(self.space, theta), self.box[:, 0], self.box[:, 1])
 
     def to_prior(self, coefficients: Float[np.ndarray, "term output"]) -> Float[np.ndarray, "term output"]:
-        """Convert coefficients to those of the same function in the basis that is orthonormal under the prior.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (term, output)
-            Coefficients in this basis. Its multi-indices must be downward closed: with one come all that are lower.
-
-        Returns
-        -------
-        ndarray, shape (term, output)
-            Coefficients of the same multi-indices.
-        """
+        """Convert coefficients to those of the same function in the basis that is orthonormal under the prior."""
         if self.box is None:
             return coefficients
         degrees = self.indices.max(axis=0, initial=0)
@@ -149,20 +97,7 @@ class PolynomialBasis:
 
 
 def box_variables(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-    """Return the variables of polynomials on a box: those of the prior's own, so that each family can be expanded in the other.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The parameters.
-    theta : ndarray or jax.Array, shape (run, parameter)
-        Points in SI.
-
-    Returns
-    -------
-    array, shape (run, parameter)
-        Standard normal variables of dependent parameters, logarithms of lognormal ones, all others unchanged.
-    """
+    """Return the variables of polynomials on a box: those of the prior's own, so that each family can be expanded in the other."""
     if space.correlation is not None:
         return standard_normal(space, theta)
     numpy = namespace(theta)

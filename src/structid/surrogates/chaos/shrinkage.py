@@ -44,45 +44,19 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class ShrunkFit:
-    """A fitted expansion with shrunk coefficients.
+    """A fitted expansion with shrunk coefficients."""
 
-    Parameters
-    ----------
-    basis : PolynomialBasis
-        Legendre polynomials on the range of the design.
-    coefficients : ndarray, shape (term, output)
-        Posterior means.
-    leave_one_out_error : ndarray, shape (output,)
-        Mean squared leave-one-out residual relative to the variance of each output.
-    rates : ndarray, shape (parameter,)
-        Decay rates w.
-    """
-
-    basis: PolynomialBasis
-    coefficients: Float[np.ndarray, "term output"]
+    basis: PolynomialBasis  # Legendre polynomials on the range of the design
+    coefficients: Float[np.ndarray, "term output"]  # Posterior means
+    # Mean squared leave-one-out residual relative to the variance of each output
     leave_one_out_error: Float[np.ndarray, " output"]
-    rates: Float[np.ndarray, " parameter"]
+    rates: Float[np.ndarray, " parameter"]  # Decay rates w
 
 
 def fit_shrunk(
     space: ParameterSpace, theta: Float[np.ndarray, "run parameter"], outputs: Float[np.ndarray, "run output"]
 ) -> ShrunkFit:
-    """Fit all outputs with the same decay rates; an output counts in proportion to its variance.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The parameters.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-    outputs : ndarray, shape (run, output)
-        The values there.
-
-    Returns
-    -------
-    ShrunkFit
-        The expansion.
-    """
+    """Fit all outputs with the same decay rates; an output counts in proportion to its variance."""
     dimension = theta.shape[1]
     variables = box_variables(space, theta)
     low, high = variables.min(axis=0), variables.max(axis=0)
@@ -119,20 +93,7 @@ def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def weighted_indices(rates: Float[np.ndarray, " parameter"], most: int) -> Int[np.ndarray, "term parameter"]:
-    """Return the multi-indices with the smallest Σ wⱼ αⱼ; with each come all that are lower in some parameter.
-
-    Parameters
-    ----------
-    rates : ndarray, shape (parameter,)
-        Decay rates w.
-    most : int
-        Largest number of multi-indices.
-
-    Returns
-    -------
-    ndarray of int, shape (term, parameter)
-        The constant first.
-    """
+    """Return the multi-indices with the smallest Σ wⱼ αⱼ; with each come all that are lower in some parameter."""
     budget = rates.min()
     while True:
         indices = _within(rates, budget)

@@ -30,17 +30,7 @@ DESIGN_STEP = 32
 
 
 class CorrelationMatrices:
-    """Correlations of one design's points.
-
-    Parameters
-    ----------
-    family : str
-        The correlation function; see `correlations`.
-    separable : bool
-        Whether the correlation is a product over the coordinates.
-    points : ndarray, shape (point, coordinate)
-        The design.
-    """
+    """Correlations of one design's points."""
 
     def __init__(self, family: str, separable: bool, points: Float[np.ndarray, "point coordinate"]) -> None:
         self._form, self._points = (family, separable), np.ascontiguousarray(points)
@@ -53,52 +43,17 @@ class CorrelationMatrices:
     def with_points(
         self, others: Float[np.ndarray, "other coordinate"], log_lengths: Float[np.ndarray, " coordinate"]
     ) -> Float[np.ndarray, "point other"]:
-        """Compute the correlations of the design with other points.
-
-        Parameters
-        ----------
-        others : ndarray, shape (other, coordinate)
-            The other points.
-        log_lengths : ndarray, shape (coordinate,)
-            Logarithms of the correlation lengths.
-
-        Returns
-        -------
-        ndarray, shape (point, other)
-            Correlations.
-        """
+        """Compute the correlations of the design with other points."""
         return self._by_compiled_code(_rows(others, log_lengths))
 
     def of(self, log_lengths: Float[np.ndarray, " coordinate"]) -> Float[np.ndarray, "point point"]:
-        """Compute the correlations of the design's points with each other.
-
-        Parameters
-        ----------
-        log_lengths : ndarray, shape (coordinate,)
-            Logarithms of the correlation lengths.
-
-        Returns
-        -------
-        ndarray, shape (point, point)
-            R.
-        """
+        """Compute the correlations of the design's points with each other."""
         if len(self._points) <= SMALL_DESIGN:
             return self._filled(self._of_pairs(log_lengths[None])[0])
         return self.with_points(self._points, log_lengths)
 
     def of_several(self, log_lengths: Float[np.ndarray, "set coordinate"]) -> Iterator[np.ndarray]:
-        """Compute the correlations of the design's points with each other for several sets of lengths.
-
-        Parameters
-        ----------
-        log_lengths : ndarray, shape (set, coordinate)
-            Logarithms of the correlation lengths.
-
-        Yields
-        ------
-        ndarray, shape (point, point)
-            R of each set.
-        """
+        """Compute the correlations of the design's points with each other for several sets of lengths."""
         small, size = len(self._points) <= SMALL_DESIGN, len(self._points)
         # One call for several sets: calls of compiled code in a row wait for one another's threads.
         count = max(1, 2 * CACHED // size**2 if small else LARGEST_CALL // size**2)
@@ -154,20 +109,7 @@ class CorrelationMatrices:
     def gradient(
         self, log_lengths: Float[np.ndarray, " coordinate"], weights: Float[np.ndarray, "point point"]
     ) -> Float[np.ndarray, " coordinate"]:
-        """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths.
-
-        Parameters
-        ----------
-        log_lengths : ndarray, shape (coordinate,)
-            The logarithms.
-        weights : ndarray, shape (point, point)
-            The weights.
-
-        Returns
-        -------
-        ndarray, shape (coordinate,)
-            The gradient.
-        """
+        """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths."""
         if len(self._points) <= SMALL_DESIGN:
             return self._gradient_by_pairs(log_lengths, weights)
         slopes = self._gradients(_rows(self._points, log_lengths), self._points, signals=Signals(weights[:, :, None]))

@@ -23,22 +23,6 @@ def correlation(
 
     Ellipsoidal: R(h) with h² = Σⱼ ((aⱼ − bⱼ)/ℓⱼ)²; separable: Πⱼ R(|aⱼ − bⱼ|/ℓⱼ). With the scaled distance h, R is exp(−h),
     (1 + √3 h) exp(−√3 h), (1 + √5 h + 5h²/3) exp(−√5 h) or exp(−h²/2) (Rasmussen & Williams 2006, section 4.2.1).
-
-    Parameters
-    ----------
-    family : {"exponential", "matern32", "matern52", "gaussian"}
-        The correlation function R.
-    separable : bool
-        Whether the correlation is a product over the coordinates; otherwise it is a function of the ellipsoidal distance.
-    a, b : jax.Array, shapes (n, coordinate) and (m, coordinate)
-        The points.
-    log_lengths : jax.Array, shape (coordinate,)
-        Logarithms of the correlation lengths ℓ.
-
-    Returns
-    -------
-    jax.Array, shape (n, m)
-        Correlations.
     """
     scaled = [
         (a[:, j, None] - b[None, :, j]) * jnp.exp(-log_lengths[j]) for j in range(a.shape[1])
@@ -47,22 +31,7 @@ def correlation(
 
 
 def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
-    """Compute correlations from scaled differences of points; see `correlation`.
-
-    Parameters
-    ----------
-    family : {"exponential", "matern32", "matern52", "gaussian"}
-        The correlation function R.
-    separable : bool
-        Whether the correlation is a product over the coordinates.
-    scaled : sequence of array
-        Of each coordinate: the differences (aⱼ − bⱼ)/ℓⱼ.
-
-    Returns
-    -------
-    array
-        Correlations, in the shape of the differences.
-    """
+    """Compute correlations from scaled differences of points; see `correlation`."""
     if family == "gaussian" or not separable:
         return correlation_at(family, sum(s * s for s in scaled))
     # The polynomials multiply and the exponents add: one exponential for all coordinates.
@@ -75,20 +44,7 @@ def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
 
 
 def correlation_at(family: str, square: Any) -> Any:
-    """Compute ellipsoidal correlations from squared distances.
-
-    Parameters
-    ----------
-    family : {"exponential", "matern32", "matern52", "gaussian"}
-        The correlation function R.
-    square : array
-        h², squared distances in correlation lengths.
-
-    Returns
-    -------
-    array
-        Correlations, in the shape of the distances.
-    """
+    """Compute ellipsoidal correlations from squared distances."""
     xp = namespace(square)
     if family == "gaussian":
         return xp.exp(-0.5 * square)
@@ -101,18 +57,6 @@ def relative_slope(family: str, square: np.ndarray) -> Any:
     """Compute g = −R′(h)/(h R(h)), with which ∂R/∂log ℓⱼ = g(h) sⱼ² R for the scaled difference sⱼ = (aⱼ − bⱼ)/ℓⱼ.
 
     h is |sⱼ| if the correlation is separable, and else √Σ sⱼ². g is 1/h, 3/(1 + √3 h), 5/3 (1 + √5 h)/(1 + √5 h + 5h²/3), or 1.
-
-    Parameters
-    ----------
-    family : {"exponential", "matern32", "matern52", "gaussian"}
-        The correlation function R.
-    square : ndarray
-        h², squared distances in correlation lengths.
-
-    Returns
-    -------
-    array
-        g; for the exponential correlation at h = 0, where it is infinite, 0.
     """
     if family == "gaussian":
         return 1.0

@@ -35,19 +35,6 @@ class HyperparameterObjective:
     Cross-validation: N/2 log Σ eᵢ², whose derivative by Q is M with M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
 
     Its argument is the vector of the logarithms of the correlation lengths, followed by that of the nugget if it is estimated.
-
-    Parameters
-    ----------
-    data : KrigingData
-        The runs.
-    family : str
-        The correlation function.
-    separable : bool
-        Whether the correlation is a product over the parameters.
-    nugget : float or "estimate"
-        The nugget relative to the process variance.
-    estimation : {"ml", "cv"}
-        Maximum likelihood or leave-one-out cross-validation.
     """
 
     def __init__(self, data: KrigingData, family: str, separable: bool, nugget: float | str, estimation: str) -> None:
@@ -56,18 +43,7 @@ class HyperparameterObjective:
         self.lengths = data.points.shape[1]
 
     def on(self, data: KrigingData) -> HyperparameterObjective:
-        """Return the same objective for other runs.
-
-        Parameters
-        ----------
-        data : KrigingData
-            The other runs.
-
-        Returns
-        -------
-        HyperparameterObjective
-            Their objective.
-        """
+        """Return the same objective for other runs."""
         return HyperparameterObjective(data, self.family, self.separable, self.nugget, self.estimation)
 
     @property
@@ -76,18 +52,7 @@ class HyperparameterObjective:
         return [LOG_LENGTHS] * self.lengths + [LOG_NUGGETS] * (self.nugget == "estimate")
 
     def matrix(self, parameters: Float[np.ndarray, " hyperparameter"]) -> Float[np.ndarray, "run run"]:
-        """Compute the correlations of the points.
-
-        Parameters
-        ----------
-        parameters : ndarray, shape (hyperparameter,)
-            Hyper-parameters; only the lengths are used.
-
-        Returns
-        -------
-        ndarray, shape (run, run)
-            R.
-        """
+        """Compute the correlations of the points."""
         return self._correlations.of(parameters[: self.lengths])
 
     @cached_property
@@ -95,33 +60,11 @@ class HyperparameterObjective:
         return CorrelationMatrices(self.family, self.separable, self.data.points)
 
     def diagonal(self, parameters: Float[np.ndarray, " hyperparameter"]) -> float:
-        """Return the nugget.
-
-        Parameters
-        ----------
-        parameters : ndarray, shape (hyperparameter,)
-            Hyper-parameters.
-
-        Returns
-        -------
-        float
-            The fixed nugget, or the one among the hyper-parameters if it is estimated.
-        """
+        """Return the nugget."""
         return float(np.exp(parameters[-1])) if self.nugget == "estimate" else float(self.nugget)
 
     def values(self, parameters: Float[np.ndarray, "hyperparameter point"]) -> Float[np.ndarray, " point"]:
-        """Evaluate the objective at many points, without gradients.
-
-        Parameters
-        ----------
-        parameters : ndarray, shape (hyperparameter, point)
-            Hyper-parameters, in the layout of differential evolution.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            The objective.
-        """
+        """Evaluate the objective at many points, without gradients."""
         matrices = self._correlations.of_several(parameters[: self.lengths].T)
         return np.array([self._of(p, matrix, False)[0] for p, matrix in zip(parameters.T, matrices, strict=True)])
 
@@ -171,18 +114,7 @@ class HyperparameterObjective:
 
 
 def stage_sizes(runs: int) -> list[int]:
-    """Return the number of runs that each stage of the search uses: all of them in the last, half as many in the one before, ….
-
-    Parameters
-    ----------
-    runs : int
-        Number of runs.
-
-    Returns
-    -------
-    list of int
-        One number for each stage, rising.
-    """
+    """Return the number of runs that each stage of the search uses: all of them in the last, half as many in the one before, …."""
     sizes = [runs]
     while sizes[-1] > 2 * SCREENING_POINTS:
         sizes.append(sizes[-1] // 2)
@@ -196,22 +128,6 @@ def search_hyperparameters(
 
     The local search takes quasi-Newton steps on part of the design, then on twice as many runs, and in the end on all of them. The
     curvature found on one part, scaled by the number of runs, starts the next, so that few evaluations need the whole design.
-
-    Parameters
-    ----------
-    objective : HyperparameterObjective
-        The objective on the whole design.
-    starts : int
-        Number of local searches, from the best points of the global one.
-    rng : numpy.random.Generator
-        Draws the part of the design and the first generation.
-    step_done : Steps
-        Called after each stage of a local search.
-
-    Returns
-    -------
-    ndarray, shape (hyperparameter,)
-        The best hyper-parameters.
     """
     data = objective.data
     order = rng.permutation(len(data.points))
@@ -242,22 +158,7 @@ def search_hyperparameters(
 def refined_hyperparameters(
     objective: HyperparameterObjective, start: Float[np.ndarray, " hyperparameter"], step_done: Steps
 ) -> Float[np.ndarray, " hyperparameter"]:
-    """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum.
-
-    Parameters
-    ----------
-    objective : HyperparameterObjective
-        The objective on the whole design.
-    start : ndarray, shape (hyperparameter,)
-        Where to start.
-    step_done : Steps
-        Called once at the end.
-
-    Returns
-    -------
-    ndarray, shape (hyperparameter,)
-        The best hyper-parameters.
-    """
+    """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum."""
     place = np.clip(start, *np.array(objective.bounds).T)
     place, _, _ = quasi_newton(objective, objective.bounds, place, _inverse_curvature(objective, place))
     step_done()

@@ -21,18 +21,7 @@ KRIGING_KEYS = {
 
 
 def kriging_settings(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Part the keys of a Kriging from others.
-
-    Parameters
-    ----------
-    given : dict
-        Keys and values.
-
-    Returns
-    -------
-    tuple of dict
-        Arguments of `Kriging`, and the other keys.
-    """
+    """Part the keys of a Kriging from others."""
     own = {key: value for key, value in given.items() if key in KRIGING_KEYS}
     if own.get("trend") == "pce":
         own["trend"] = PCE()

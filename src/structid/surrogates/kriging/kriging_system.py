@@ -19,35 +19,14 @@ SMALLEST_NUGGET = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class KrigingData:
-    """What a Kriging is fitted to.
+    """What a Kriging is fitted to."""
 
-    Parameters
-    ----------
-    points : ndarray, shape (run, parameter)
-        Standardised points.
-    trend : ndarray, shape (run, term)
-        F, the terms of the trend there.
-    outputs : ndarray, shape (run, output)
-        y.
-    """
-
-    points: Float[np.ndarray, "run parameter"]
-    trend: Float[np.ndarray, "run term"]
-    outputs: Float[np.ndarray, "run output"]
+    points: Float[np.ndarray, "run parameter"]  # Standardised points
+    trend: Float[np.ndarray, "run term"]  # F, the terms of the trend there
+    outputs: Float[np.ndarray, "run output"]  # y
 
     def some(self, rows: np.ndarray) -> KrigingData:
-        """Select some of the runs.
-
-        Parameters
-        ----------
-        rows : ndarray of int or bool
-            Which runs.
-
-        Returns
-        -------
-        KrigingData
-            Those runs.
-        """
+        """Select some of the runs."""
         return KrigingData(self.points[rows], self.trend[rows], self.outputs[rows])
 
 
@@ -58,62 +37,21 @@ class KrigingFactors:
     With A = C⁻¹F and T = (FᵀC⁻¹F)⁻¹ the trend coefficients are β = T Aᵀ y and the weights w = C⁻¹(y − Fβ). With
     Q = C⁻¹ − A T Aᵀ the leave-one-out residuals are eᵢ = (Qy)ᵢ/Qᵢᵢ with variances σ²/Qᵢᵢ (Dubrule 1983,
     doi 10.1007/BF01033232).
-
-    Parameters
-    ----------
-    cholesky : ndarray, shape (run, run)
-        Lower Cholesky factor of C.
-    nugget : float
-        The nugget in C, after it was raised where rounding demanded it.
-    solved_trend : ndarray, shape (run, term)
-        A.
-    trend_covariance : ndarray, shape (term, term)
-        T.
-    coefficients : ndarray, shape (term, output)
-        β.
-    weights : ndarray, shape (run, output)
-        w.
-    leave_one_out_residuals : ndarray, shape (run, output)
-        e.
-    precision : ndarray, shape (run,)
-        Diagonal of Q.
-    likelihood_variance : ndarray, shape (output,)
-        σ² that maximises the likelihood.
     """
 
-    cholesky: Float[np.ndarray, "run run"]
-    nugget: float
-    solved_trend: Float[np.ndarray, "run term"]
-    trend_covariance: Float[np.ndarray, "term term"]
-    coefficients: Float[np.ndarray, "term output"]
-    weights: Float[np.ndarray, "run output"]
-    leave_one_out_residuals: Float[np.ndarray, "run output"]
-    precision: Float[np.ndarray, " run"]
-    likelihood_variance: Float[np.ndarray, " output"]
+    cholesky: Float[np.ndarray, "run run"]  # Lower Cholesky factor of C
+    nugget: float  # The nugget in C, after it was raised where rounding demanded it
+    solved_trend: Float[np.ndarray, "run term"]  # A
+    trend_covariance: Float[np.ndarray, "term term"]  # T
+    coefficients: Float[np.ndarray, "term output"]  # β
+    weights: Float[np.ndarray, "run output"]  # w
+    leave_one_out_residuals: Float[np.ndarray, "run output"]  # e
+    precision: Float[np.ndarray, " run"]  # Diagonal of Q
+    likelihood_variance: Float[np.ndarray, " output"]  # σ² that maximises the likelihood
 
     @classmethod
     def of(cls, data: KrigingData, matrix: Float[np.ndarray, "run run"], nugget: float) -> KrigingFactors:
-        """Factorise the correlation matrix and solve the system.
-
-        Parameters
-        ----------
-        data : KrigingData
-            The runs.
-        matrix : ndarray, shape (run, run)
-            R, their correlations.
-        nugget : float
-            The requested nugget.
-
-        Returns
-        -------
-        KrigingFactors
-            The solved system.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the points are too close for the matrix to be factorised.
-        """
+        """Factorise the correlation matrix and solve the system."""
         cholesky, nugget = raised_correlation_cholesky(matrix, nugget)
         solved_trend, trend_covariance, coefficients, weights = generalised_least_squares(data, cholesky)
         inverse = inverse_of(cholesky)
@@ -138,25 +76,7 @@ class KrigingFactors:
 
 
 def raised_correlation_cholesky(matrix: Float[np.ndarray, "run run"], nugget: float) -> tuple[np.ndarray, float]:
-    """Factorise C = R + nugget · I; the nugget is raised where rounding demands it, up to a limit.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (run, run)
-        R.
-    nugget : float
-        The requested nugget.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Lower Cholesky factor of C, and the nugget in it.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is indefinite even with the largest nugget allowed.
-    """
+    """Factorise C = R + nugget · I; the nugget is raised where rounding demands it, up to a limit."""
     nugget = max(nugget, SMALLEST_NUGGET)
     return raised_cholesky(matrix, nugget, max(LARGEST_RAISED_NUGGET, 2.0 * nugget))
 
@@ -164,20 +84,7 @@ def raised_correlation_cholesky(matrix: Float[np.ndarray, "run run"], nugget: fl
 def generalised_least_squares(
     data: KrigingData, cholesky: Float[np.ndarray, "run run"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Solve generalised least squares for the trend: A = C⁻¹F, T = (FᵀA)⁻¹, β = T Aᵀy, w = C⁻¹(y − Fβ).
-
-    Parameters
-    ----------
-    data : KrigingData
-        The runs, with F and y.
-    cholesky : ndarray, shape (run, run)
-        Lower Cholesky factor of C.
-
-    Returns
-    -------
-    tuple of ndarray
-        A (run, term), T (term, term), β (term, output) and w (run, output).
-    """
+    """Solve generalised least squares for the trend: A = C⁻¹F, T = (FᵀA)⁻¹, β = T Aᵀy, w = C⁻¹(y − Fβ)."""
     # LAPACK itself: a search calls this thousands of times, and SciPy's checks take longer than the solution of small systems.
     solved_trend, _ = scipy.linalg.lapack.dpotrs(cholesky, data.trend, lower=1)
     trend_covariance = np.linalg.inv(data.trend.T @ solved_trend)

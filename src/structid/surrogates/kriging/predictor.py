@@ -38,37 +38,20 @@ _FACTOR_ARRAYS = tuple(f.name for f in dataclasses.fields(KrigingFactors) if f.n
 
 @dataclass(frozen=True, eq=False)
 class KrigingGroup:
-    """A fitted Kriging of outputs that share one correlation.
+    """A fitted Kriging of outputs that share one correlation."""
 
-    Parameters
-    ----------
-    family : str
-        The correlation function.
-    separable : bool
-        Whether the correlation is a product over the parameters.
-    outputs : ndarray of int, shape (output,)
-        Positions of these outputs among all outputs.
-    centre, scale : ndarray, shape (parameter,)
-        Mean and standard deviation of the design, by which points are standardised.
-    points : ndarray, shape (run, parameter)
-        The standardised design.
-    trend : PolynomialBasis
-        The terms of the trend.
-    log_lengths : ndarray, shape (parameter,)
-        Logarithms of the correlation lengths, in standard deviations of the design.
-    factors : KrigingFactors
-        The solved Kriging system.
-    """
-
-    family: str
-    separable: bool
-    outputs: Int[np.ndarray, " output"]
+    family: str  # The correlation function
+    separable: bool  # Whether the correlation is a product over the parameters
+    outputs: Int[np.ndarray, " output"]  # Positions of these outputs among all outputs
+    # Mean and standard deviation of the design, by which points are standardised
     centre: Float[np.ndarray, " parameter"]
+    # Mean and standard deviation of the design, by which points are standardised
     scale: Float[np.ndarray, " parameter"]
-    points: Float[np.ndarray, "run parameter"]
-    trend: PolynomialBasis
+    points: Float[np.ndarray, "run parameter"]  # The standardised design
+    trend: PolynomialBasis  # The terms of the trend
+    # Logarithms of the correlation lengths, in standard deviations of the design
     log_lengths: Float[np.ndarray, " parameter"]
-    factors: KrigingFactors
+    factors: KrigingFactors  # The solved Kriging system
 
     @property
     def lengths(self) -> np.ndarray:
@@ -86,18 +69,7 @@ class KrigingGroup:
         return self.factors.cross_validated_variance
 
     def mean(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
-        """Predict the mean, f(θ)ᵀβ + r(θ)ᵀw.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Means, of the same kind as `theta`.
-        """
+        """Predict the mean, f(θ)ᵀβ + r(θ)ᵀw."""
         if namespace(theta) is np:
             return self._mean(self.trend.evaluate(theta), self._correlations(theta))
         trend = product(self.trend.evaluate(theta), self.factors.coefficients)
@@ -117,16 +89,6 @@ class KrigingGroup:
 
         The difference is known to `SMALLEST_NUGGET` only. Where runs are noisy and no nugget is given, σ² is so large that
         this is the variance of the noise; less is never claimed.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of array, shape (run, output)
-            Means, and standard deviations of the noise-free function, of the same kind as `theta`.
         """
         numpy, f, r = namespace(theta), self.trend.evaluate(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg
@@ -150,19 +112,11 @@ class KrigingGroup:
 
 @dataclass(frozen=True, eq=False)
 class KrigingPredictor:
-    """A fitted Kriging of one output or many.
-
-    Parameters
-    ----------
-    space : ParameterSpace
-        The parameters.
-    groups : tuple of KrigingGroup
-        Groups of outputs that share a correlation; together they hold all outputs.
-    """
+    """A fitted Kriging of one output or many."""
 
     word: ClassVar[str] = "KrigingPredictor"
-    space: ParameterSpace
-    groups: tuple[KrigingGroup, ...]
+    space: ParameterSpace  # The parameters
+    groups: tuple[KrigingGroup, ...]  # Groups of outputs that share a correlation; together they hold all outputs
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -187,20 +141,7 @@ class KrigingPredictor:
         return np.asarray(np.concatenate(parts)[self._order])
 
     def predict(self, theta: Float[Array, "run parameter"], return_std: bool = False) -> Any:
-        """Predict the outputs at other points.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-        return_std : bool
-            Also return the standard deviations.
-
-        Returns
-        -------
-        array or tuple of array, shape (run, output)
-            Means, or means and standard deviations; of the same kind as `theta`.
-        """
+        """Predict the outputs at other points."""
         if namespace(theta) is np and len(theta) > PREDICTION_BATCH:
             starts = range(0, len(theta), PREDICTION_BATCH)
             parts = [self.predict(theta[first : first + PREDICTION_BATCH], return_std) for first in starts]
@@ -211,33 +152,11 @@ class KrigingPredictor:
         return self._join(list(means)), self._join(list(deviations))
 
     def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
-        """Predict the standard deviations; see `Regression.deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Standard deviations of the noise-free outputs, of the same kind as `theta`.
-        """
+        """Predict the standard deviations; see `Regression.deviation`."""
         return self.predict_with_deviation(theta)[1]
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Predict the outputs and their standard deviations; see `Regression.predict_with_deviation`.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of array, shape (run, output)
-            Means and standard deviations, of the same kind as `theta`.
-        """
+        """Predict the outputs and their standard deviations; see `Regression.predict_with_deviation`."""
         mean, deviation = self.predict(theta, return_std=True)
         return mean, deviation
 
@@ -246,13 +165,7 @@ class KrigingPredictor:
         return parts[0] if len(parts) == 1 else namespace(parts[0]).concatenate(parts, axis=1)[:, self._order]
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the contents of the predictor, without its parameter space, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Return the contents of the predictor, without its parameter space, for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for number, group in enumerate(self.groups):
@@ -266,22 +179,7 @@ class KrigingPredictor:
     def from_plain(
         cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> KrigingPredictor:
-        """Rebuild a predictor from what `to_plain` returned.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The parameters.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        KrigingPredictor
-            The same predictor.
-        """
+        """Rebuild a predictor from what `to_plain` returned."""
         groups = []
         for number, said in plain.items():
             own = found_under(number, arrays)

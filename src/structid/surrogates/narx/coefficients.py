@@ -20,41 +20,17 @@ from structid.surrogates.regression_list import regression_from_plain
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them.
+    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them."""
 
-    Parameters
-    ----------
-    trend : ChaosExpansion
-        All coefficients.
-    deviation : Regression, optional
-        Scaled deviations from the trend.
-    varying : ndarray of int, optional
-        Which coefficients deviate.
-    scale : ndarray, optional
-        Scale of their deviations.
-    space : ParameterSpace, optional
-        Whose coordinates trend and deviation take; they take the parameters themselves when left out.
-    """
-
-    trend: ChaosExpansion
-    deviation: Regression | None = None
-    varying: np.ndarray | None = None
-    scale: np.ndarray | None = None
+    trend: ChaosExpansion  # All coefficients
+    deviation: Regression | None = None  # Scaled deviations from the trend
+    varying: np.ndarray | None = None  # Which coefficients deviate
+    scale: np.ndarray | None = None  # Scale of their deviations
+    # Whose coordinates trend and deviation take; they take the parameters themselves when left out
     space: ParameterSpace | None = None
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run coefficient"]:
-        """Coefficients at points.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, coefficient)
-            Of the kind `theta` is.
-        """
+        """Coefficients at points."""
         point = theta if self.space is None else self.space.in_coordinates(theta)
         found = self.trend.predict(point)
         if self.deviation is None or self.varying is None or self.scale is None:
@@ -63,13 +39,7 @@ class Coefficients:
         return found + product(self.deviation.predict(point), places)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what they consist of, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Give what they consist of, for a file."""
         plain, arrays = self.trend.to_plain()
         said: dict[str, Any] = {"trend": plain}
         if self.space is not None:
@@ -84,22 +54,7 @@ class Coefficients:
 
     @classmethod
     def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
-        """Make them again from what `to_plain` said.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The parameters.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        Coefficients
-            The same.
-        """
+        """Make them again from what `to_plain` said."""
         own = space if "coordinates" in plain else None
         inner = space if own is None else ParameterSpace.from_plain(plain["coordinates"])
         trend = ChaosExpansion.from_plain(inner, plain["trend"], found_under("trend", arrays))

@@ -44,22 +44,7 @@ class TrainedNARX(SurrogateSettings, Protocol):
     def fit(
         self, runs: Runs, progress: Progress | None = None, weights: Float[np.ndarray, " run"] | None = None
     ) -> ParametricNARX:
-        """Fit to runs; see `SurrogateSettings.fit`.
-
-        Parameters
-        ----------
-        runs : Runs
-            Of the model it is to stand for.
-        progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
-        weights : ndarray, shape (run,), optional
-            How much the error of each run counts.
-
-        Returns
-        -------
-        ParametricNARX
-            The fitted NARX.
-        """
+        """Fit to runs; see `SurrogateSettings.fit`."""
 
 
 @check_arguments

@@ -71,18 +71,7 @@ class KrigingNARX(NARXSettings):
 
 
 def from_keys(**given: Any) -> KrigingNARX:
-    """Make settings from the keys of a study file, including those of the Kriging.
-
-    Parameters
-    ----------
-    **given
-        Keys and values.
-
-    Returns
-    -------
-    KrigingNARX
-        The settings.
-    """
+    """Make settings from the keys of a study file, including those of the Kriging."""
     kriging, others = kriging_settings(given)
     return KrigingNARX(kriging=replace(KrigingNARX().kriging, **kriging), **others)
 

@@ -62,21 +62,7 @@ STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0
 
 
 class NARXFit:
-    """One fit, step by step: data, structure, coefficients, uncertainty.
-
-    Parameters
-    ----------
-    settings : NARXSettings
-        How to fit.
-    runs : Runs
-        To what.
-    progress : callable, optional
-        Called with the percentage done and 100.
-    fewest : int
-        Fewer finished runs are refused.
-    weights : ndarray, shape (run,), optional
-        How much the error of each run counts; the same for all when left out.
-    """
+    """One fit, step by step: data, structure, coefficients, uncertainty."""
 
     def __init__(
         self,
@@ -120,37 +106,13 @@ class NARXFit:
         return Coefficients(trend, deviation, varying, scale, space if space.coordinates else None)
 
     def pc_narx(self, pce: PCE) -> ParametricNARX:
-        """Fit coefficients that are chaos expansions.
-
-        Parameters
-        ----------
-        pce : PCE
-            How those of single experiments are interpolated; the joint training has its own.
-
-        Returns
-        -------
-        ParametricNARX
-            The surrogate.
-        """
+        """Fit coefficients that are chaos expansions."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(pce))
         return self._surrogate(self._coefficients(self._joint()))
 
     def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
-        """Fit coefficients that are interpolated by Kriging.
-
-        Parameters
-        ----------
-        kriging : Kriging
-            How.
-        refinements : int
-            Steps by which the coefficients of the joint training are refined on each run.
-
-        Returns
-        -------
-        ParametricNARX
-            The surrogate.
-        """
+        """Fit coefficients that are interpolated by Kriging."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(kriging))
         trend = self._joint()

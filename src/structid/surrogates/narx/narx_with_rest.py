@@ -23,19 +23,7 @@ from structid.surrogates.pod.score_shortcut import ScoreShortcut
 
 
 class NARXWithRest(Surrogate):
-    """A fitted `CorrectedNARX`: takes any record, and is at its best on those of its runs.
-
-    Parameters
-    ----------
-    fit : Fit
-        How it came about.
-    narx : ParametricNARX
-        The NARX.
-    rest : ResponseSpaceSurrogate
-        What this leaves over, on the records that it knows.
-    whole : bool
-        Whether that is the whole response.
-    """
+    """A fitted `CorrectedNARX`: takes any record, and is at its best on those of its runs."""
 
     own_records: ClassVar[bool] = True  # not only these, but its response to them is another one
 
@@ -56,18 +44,7 @@ class NARXWithRest(Surrogate):
         return [*self.narx.structure_in_words, (of, known)]
 
     def knows(self, identity: str) -> bool:
-        """Say whether runs on a record are known.
-
-        Parameters
-        ----------
-        identity : str
-            Content hash of the record.
-
-        Returns
-        -------
-        bool
-            False where the NARX responds alone.
-        """
+        """Say whether runs on a record are known."""
         return identity in self.rest.records
 
     def _alone(self, identity: str) -> ParametricNARX | ResponseSpaceSurrogate | None:
@@ -77,44 +54,17 @@ class NARXWithRest(Surrogate):
         return self.rest if self.whole else None
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation of another kind or step; see `ParametricNARX.check_excitation`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-        """
+        """Refuse an excitation of another kind or step; see `ParametricNARX.check_excitation`."""
         self.narx.check_excitation(excitation)
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives them.
-        """
+        """Check excitation and points, and warn of an excitation stronger than those it was fitted to."""
         super().before_run(theta, excitation)
         if not self.knows(excitation.content_hash):
             self.narx.before_run(theta, excitation)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop of the free run, to each sample of which the rest is added; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            Of the kind and step it was trained with.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen is NaN from where a run has diverged.
-        """
+        """Give the loop of the free run, to each sample of which the rest is added; see `TraceableModel.time_loop`."""
         admitted = self.admitted(theta)
         alone = self._alone(excitation.identity)
         if alone is not None:
@@ -137,22 +87,7 @@ class NARXWithRest(Surrogate):
     def shortcut(
         self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
     ) -> ScoreShortcut | None:
-        """Sum modes and measurements over time where the whole response is interpolated; see `TraceableModel.shortcut`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives it.
-        values : ndarray, shape (time, channel, measurement)
-            The measurements.
-        channels : tuple of str
-            Their channels.
-
-        Returns
-        -------
-        ScoreShortcut or None
-            None where a recursion responds.
-        """
+        """Sum modes and measurements over time where the whole response is interpolated; see `TraceableModel.shortcut`."""
         if self._alone(excitation.content_hash) is not self.rest:
             return None
         return self.rest.shortcut(excitation, values, channels)
@@ -163,22 +98,7 @@ class NARXWithRest(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the error, averaged over time; see `StandIn.error_variance`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            What drives it.
-        values : jax.Array, shape (time, channel, run)
-            The response there.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            That of the rest on the records of the runs, that of the NARX on others.
-        """
+        """Variance of the error, averaged over time; see `StandIn.error_variance`."""
         knowing = self.rest if self.knows(excitation.identity) else self.narx
         return knowing.error_variance(theta, excitation, values)
 
@@ -188,44 +108,14 @@ class NARXWithRest(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the rest on the records of the runs, that of the NARX on others.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives it.
-        values : ndarray, shape (run, time, channel)
-            The predictions there.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI.
-        """
+        """Standard deviation in time: that of the rest on the records of the runs, that of the NARX on others."""
         knowing = self.rest if self.knows(excitation.content_hash) else self.narx
         return knowing.standard_deviation(theta, excitation, values)
 
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from what is known of the error; see `Surrogate.sampled`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI, a draw for each.
-        excitation : Excitation
-            What drives it.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI; NaN from where a free run has diverged.
-        """
+        """Draw responses from what is known of the error; see `Surrogate.sampled`."""
         alone = self._alone(excitation.content_hash)
         if alone is not None:
             return alone.sampled(theta, excitation, rng)
@@ -234,20 +124,7 @@ class NARXWithRest(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that the surrogate was fitted to with a rest of all others; see `ResponseSpaceSurrogate.left_out`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            The runs that it was fitted to, in their order.
-        excitation : Excitation
-            One of their records.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI; NaN for a run through which the NARX does not come.
-        """
+        """Predict each run that the surrogate was fitted to with a rest of all others; see `ResponseSpaceSurrogate.left_out`."""
         if self.whole:
             return self.rest.left_out(theta, excitation)
         values = self.narx.run(theta, excitation).values
@@ -263,13 +140,7 @@ class NARXWithRest(Surrogate):
         return digest(fit.outside, fit.low, fit.high, self.whole, self.narx.content_hash, self.rest.content_hash)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Give what the surrogate consists of, for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for name, part in (("narx", self.narx), ("rest", self.rest)):
@@ -280,22 +151,7 @@ class NARXWithRest(Surrogate):
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> NARXWithRest:
-        """Make a surrogate again from what `to_plain` said.
-
-        Parameters
-        ----------
-        fit : Fit
-            How it came about.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        NARXWithRest
-            The same surrogate.
-        """
+        """Make a surrogate again from what `to_plain` said."""
 
         def part(kind: Any, name: str) -> Any:
             said = plain[name]

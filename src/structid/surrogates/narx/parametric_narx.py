@@ -53,20 +53,7 @@ WINDOW = 101
 
 
 def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
-    """Set the predicted standard deviation so that 95 % of the samples of some runs lie within 1.96 of it.
-
-    Parameters
-    ----------
-    surrogate : ParametricNARX
-        With any spread.
-    runs : Runs
-        Runs it was not fitted to.
-
-    Returns
-    -------
-    ParametricNARX
-        The same, with that spread.
-    """
+    """Set the predicted standard deviation so that 95 % of the samples of some runs lie within 1.96 of it."""
     ratios: list[np.ndarray] = []
     for number in np.unique(runs.record_of_run):
         some = runs.on(int(number))
@@ -89,18 +76,7 @@ def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNAR
 
 
 def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarray, "run time channel"]:
-    """Moving root mean square of histories, never below a thousandth of the whole one.
-
-    Parameters
-    ----------
-    values : ndarray, shape (run, time, channel)
-        Histories.
-
-    Returns
-    -------
-    ndarray, shape (run, time, channel)
-        The size.
-    """
+    """Moving root mean square of histories, never below a thousandth of the whole one."""
     window = min(WINDOW, values.shape[1])
     square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
     whole = np.mean(values**2, axis=1, keepdims=True)
@@ -108,23 +84,7 @@ def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarra
 
 
 class ParametricNARX(Surrogate):
-    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record of the step it was trained with.
-
-    Parameters
-    ----------
-    fit : Fit
-        How it came about.
-    recursion : Recursion
-        The structure.
-    coefficients : Coefficients
-        As functions of the parameters.
-    largest : float
-        Largest scaled output seen.
-    spread : ndarray, shape (channel,)
-        Standard deviation of the error relative to the moving root mean square of the prediction.
-    largest_input : ndarray, shape (input,)
-        Largest inputs it was fitted to, in SI.
-    """
+    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record of the step it was trained with."""
 
     def __init__(
         self,
@@ -150,18 +110,7 @@ class ParametricNARX(Surrogate):
         return [("terms", ", ".join(self.terms))]
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation of another kind or step.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If a recursion with the step of the training does not apply to it.
-        """
+        """Refuse an excitation of another kind or step."""
         if excitation.kind != self.fitted.excitation or abs(excitation.dt / self.fitted.dt - 1.0) > 1e-9:
             raise InputError(
                 f"{self.fitted.kind}: record",
@@ -171,15 +120,7 @@ class ParametricNARX(Surrogate):
             )
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives them.
-        """
+        """Check excitation and points, and warn of an excitation stronger than those it was fitted to."""
         super().before_run(theta, excitation)
         peaks = np.abs(excitation.values.reshape(len(excitation), -1)).max(axis=0)
         if self.fitted.outside != "allow" and (peaks > STRONGER * self.largest_input).any():
@@ -192,20 +133,7 @@ class ParametricNARX(Surrogate):
             )
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop of the free run; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            Of the kind and step it was trained with.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen is NaN from where a run has diverged.
-        """
+        """Give the loop of the free run; see `TraceableModel.time_loop`."""
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         x = namespace(x).concatenate([x, x[-1:]])
@@ -234,22 +162,6 @@ class ParametricNARX(Surrogate):
         Every `horizon` samples the recursion starts again from what was measured: the first sample after that is predicted one
         step ahead, the last one `horizon` steps. An error one step ahead says little about the free run. It serves to show which
         of the two fails.
-
-        Parameters
-        ----------
-        design : Design or array-like, shape (run, parameter)
-            Parameters in SI.
-        excitation : Excitation
-            What drove it.
-        measured : array-like, shape (time,), (time, channel) or (run, time, channel)
-            What was measured, in SI.
-        horizon : int
-            Samples between two starts; 1 is one step ahead.
-
-        Returns
-        -------
-        Histories
-            Predictions in SI.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
@@ -265,20 +177,6 @@ class ParametricNARX(Surrogate):
         `simulate` begins with the outputs at the mean of the first samples it was fitted to, and with nothing before. Here all that
         the recursion remembers is brought up to date by what was measured; the longest lag is enough, and integrals and hysteretic
         memories need as long as the system takes to forget.
-
-        Parameters
-        ----------
-        design : Design or array-like, shape (run, parameter)
-            Parameters in SI.
-        excitation : Excitation
-            What drives it, from the first measured sample on.
-        beginning : array-like, shape (time,), (time, channel) or (run, time, channel)
-            What was measured at the first samples, in SI.
-
-        Returns
-        -------
-        Histories
-            In SI: the beginning as it was measured, and the free run after it.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
@@ -312,20 +210,7 @@ class ParametricNARX(Surrogate):
         return self._outputs(self._coefficients_at(theta), excitation, values, horizon, known)
 
     def run_with(self, coefficients: Float[np.ndarray, "run coefficient"], excitation: Excitation) -> Histories:
-        """Run freely with given coefficients.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (run, coefficient)
-            In the order of `terms`.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        Histories
-            In SI.
-        """
+        """Run freely with given coefficients."""
         nothing = np.zeros((len(coefficients), len(excitation), len(self.channels)))
         found = self._outputs(coefficients, excitation, nothing)
         return self._histories(found[:, excitation.dropped_samples :], excitation)
@@ -369,22 +254,7 @@ class ParametricNARX(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives it.
-        values : ndarray, shape (run, time, channel)
-            The predictions there.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI.
-        """
+        """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out."""
         return np.asarray(local_size(values) * self.spread)
 
     def error_variance(
@@ -393,61 +263,18 @@ class ParametricNARX(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            What drives it.
-        values : jax.Array, shape (time, channel, run)
-            The response there.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            A share of the mean square of the response.
-        """
+        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
         return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
 
     def validate_structure(self, runs: Runs, refined: bool = True, progress: Progress | None = None) -> Validation:
         """Run freely with coefficients of each run by itself: what the terms can do, however these depend on the parameters.
 
         The thesis's figures 3.12 and 5.5 to 5.7 have such errors over its experimental design, with `refined=False`.
-
-        Parameters
-        ----------
-        runs : Runs
-            Runs of the model, those it was fitted to among them.
-        refined : bool
-            Refine the coefficients on the free run, from those of the surrogate on. Otherwise they are those of least squares one
-            step ahead (thesis eq. 2.62).
-        progress : callable, optional
-            Called with the number of compared runs and the total.
-
-        Returns
-        -------
-        Validation
-            Errors, peaks, histories; what the surrogate says of its own deviation stays that of the surrogate.
         """
         return validate(WithOwnCoefficients.of(self, runs, refined), runs, progress)
 
     def own_coefficients(self, runs: Runs, refined: bool = True) -> Float[np.ndarray, "run coefficient"]:
-        """Fit the coefficients to each run by itself; see `validate_structure`.
-
-        Parameters
-        ----------
-        runs : Runs
-            Finished runs.
-        refined : bool
-            As there.
-
-        Returns
-        -------
-        ndarray, shape (run, coefficient)
-            In the order of `terms`.
-        """
+        """Fit the coefficients to each run by itself; see `validate_structure`."""
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
         free_run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest)
         if refined:
@@ -455,22 +282,7 @@ class ParametricNARX(Surrogate):
         return least_squares_of_each(free_run, data)
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
-        """Draw the coefficients against those of single runs by themselves, as far as the runs determine them.
-
-        Parameters
-        ----------
-        runs : Runs
-            Runs of the model, preferably ones the surrogate has not seen.
-        save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
-        refined : bool
-            As for `own_coefficients`.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            One panel per coefficient.
-        """
+        """Draw the coefficients against those of single runs by themselves, as far as the runs determine them."""
         from structid.figures import surrogate as figures
 
         done = runs[runs.done]
@@ -482,13 +294,7 @@ class ParametricNARX(Surrogate):
         return figures.coefficients(self.own_coefficients(done, refined), predicted, self.terms, save=save)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Give what the surrogate consists of, for a file."""
         said, arrays = self.coefficients.to_plain()
         recursion = self.recursion
         plain = {
@@ -505,22 +311,7 @@ class ParametricNARX(Surrogate):
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ParametricNARX:
-        """Make a surrogate again from what `to_plain` said.
-
-        Parameters
-        ----------
-        fit : Fit
-            How it came about.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        ParametricNARX
-            The same surrogate.
-        """
+        """Make a surrogate again from what `to_plain` said."""
         recursion = Recursion(
             tuple(tuple(Term(t) for t in of) for of in plain["terms"]),
             tuple(Memory.parse(m) for m in plain["memories"]),
@@ -536,18 +327,10 @@ class ParametricNARX(Surrogate):
 
 @dataclass(frozen=True, eq=False)
 class WithOwnCoefficients:
-    """A NARX whose coefficients are those of single runs, at the points of these runs.
+    """A NARX whose coefficients are those of single runs, at the points of these runs."""
 
-    Parameters
-    ----------
-    surrogate : ParametricNARX
-        Structure, channels and range.
-    of_point : dict of bytes to ndarray
-        Coefficients at each point.
-    """
-
-    surrogate: ParametricNARX
-    of_point: dict[bytes, np.ndarray]
+    surrogate: ParametricNARX  # Structure, channels and range
+    of_point: dict[bytes, np.ndarray]  # Coefficients at each point
 
     @classmethod
     def of(cls, surrogate: ParametricNARX, runs: Runs, refined: bool) -> WithOwnCoefficients:

@@ -28,54 +28,31 @@ from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, 
 
 @dataclass(frozen=True)
 class NARXSettings:
-    """What PC-NARX and Kriging-NARX have in common.
+    """What PC-NARX and Kriging-NARX have in common."""
 
-    Parameters
-    ----------
-    terms : sequence of Term or str, or mapping of str to such, optional
-        Candidate terms of every output, or of each output by its channel. When left out, terms with a hysteretic memory. Outputs
-        are called ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, ….
-    memories : sequence of Memory or str
-        Memories that `terms` use.
-    training : {"joint", "per-experiment"}
-        ``"joint"``: all coefficients at once, on the one-step error and then on the free-run error. ``"per-experiment"``, as in
-        the thesis: coefficients of each experiment by ordinary least squares, which are then interpolated.
-    selection : {"lars", "orthogonal"}, optional
-        Choose among the terms by their free runs; all are kept when left out.
-    most_terms : int, optional
-        Largest number of terms that the selection keeps.
-    degree : int
-        Largest degree of the chaos expansions that represent the coefficients in the joint training.
-    horizons : sequence of int, optional
-        Samples between restarts from the measured past, one number for each stage of training before the one on free runs. When
-        left out: 16 and then 128 where the free runs of the regression are lost, and no such stage where they are not.
-    steps : int
-        Largest number of steps of the training on the free-run error; 0 leaves it at the regression.
-    held_out : float
-        Share of the runs that is held out, to choose when to stop and how large the predicted standard deviation is.
-    washout : float
-        Time at the start of each run that does not count [s], since what went before is not known there.
-    limit : float
-        Largest mean relative error with which it may be used in a posterior.
-    outside : {"warn", "refuse", "allow"}
-        What to do with parameters beyond the range of the design.
-    seed : int
-        Seed of the choice of held-out runs.
-    """
-
+    # Candidate terms of every output, or of each output by its channel. When left out, terms with a hysteretic memory.
+    # Outputs are called ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, …
     terms: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None = None
-    memories: Sequence[Memory | str] = ()
+    memories: Sequence[Memory | str] = ()  # Memories that `terms` use
+    # ``"joint"``: all coefficients at once, on the one-step error and then on the free-run error. ``"per-experiment"``,
+    # as in the thesis: coefficients of each experiment by ordinary least squares, which are then interpolated
     training: Literal["joint", "per-experiment"] = "joint"
+    # Choose among the terms by their free runs; all are kept when left out
     selection: Literal["lars", "orthogonal"] | None = None
-    most_terms: int | None = None
-    degree: int = 3
+    most_terms: int | None = None  # Largest number of terms that the selection keeps
+    degree: int = 3  # Largest degree of the chaos expansions that represent the coefficients in the joint training
+    # Samples between restarts from the measured past, one number for each stage of training before the one on free
+    # runs. When left out: 16 and then 128 where the free runs of the regression are lost, and no such stage where they
+    # are not
     horizons: Sequence[int] | None = None
-    steps: int = 10
+    steps: int = 10  # Largest number of steps of the training on the free-run error; 0 leaves it at the regression
+    # Share of the runs that is held out, to choose when to stop and how large the predicted standard deviation is
     held_out: float = 0.1
+    # Time at the start of each run that does not count [s], since what went before is not known there
     washout: float = 0.0
-    limit: float = 5e-2
-    outside: OutsideRule = "warn"
-    seed: int = 0
+    limit: float = 5e-2  # Largest mean relative error with which it may be used in a posterior
+    outside: OutsideRule = "warn"  # What to do with parameters beyond the range of the design
+    seed: int = 0  # Seed of the choice of held-out runs
 
     warm_start: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
@@ -100,22 +77,7 @@ class NARXSettings:
         as_memories(self.memories)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made.
-
-        Parameters
-        ----------
-        design : Design
-            Their points.
-        records : sequence of Excitation
-            What will drive them.
-        channels : sequence of str
-            What they will return.
-
-        Raises
-        ------
-        InputError
-            If no surrogate can be fitted to them: too few for the degree, records of different steps, terms of other signals.
-        """
+        """Check the settings against runs that are yet to be made."""
         kind = type(self).__name__
         common_step(f"{kind}.fit", records)
         structure_of(self.terms, self.memories, Signals.of(records[0], channels))
@@ -137,46 +99,14 @@ class NARXSettings:
 
 
 def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the runs that are held out.
-
-    Parameters
-    ----------
-    runs : int
-        How many there are.
-    share : float
-        Share of them that is held out.
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    tuple of ndarray of int
-        Rows to fit to, and rows held out.
-    """
+    """Choose the runs that are held out."""
     count = round(share * runs)
     order = stream(seed, Purpose.HELD_OUT_RUNS).permutation(runs)
     return np.sort(order[count:]), np.sort(order[:count])
 
 
 def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that runs determine coefficients that are chaos expansions of a degree.
-
-    Parameters
-    ----------
-    kind : str
-        The surrogate, for the message.
-    space : ParameterSpace
-        The parameters.
-    degree : int
-        Of the expansions.
-    runs : int
-        Runs they are fitted to.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two for each chaos term.
-    """
+    """Check that runs determine coefficients that are chaos expansions of a degree."""
     terms = math.comb(space.dimension + degree, degree)
     if terms > max(runs // 2, 1):
         raise InputError(

@@ -54,22 +54,7 @@ class PODSettings(Protocol):
 
 
 def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
-    """Check runs that are yet to be made: enough on each record, all of one step.
-
-    Parameters
-    ----------
-    kind : str
-        The surrogate, for messages.
-    design : Design
-        Points of all runs.
-    records : sequence of Excitation
-        What will drive them, dealt out in turn.
-
-    Raises
-    ------
-    InputError
-        If no surrogate can be fitted to them.
-    """
+    """Check runs that are yet to be made: enough on each record, all of one step."""
     common_step(f"{kind}.fit", records)
     fewest = len(design) // len(records)
     check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")
@@ -78,26 +63,7 @@ def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None
 def fit_records(
     settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None, reach: float = 0.0
 ) -> ResponseSpaceSurrogate:
-    """Fit principal components and a regression of their scores on every record.
-
-    Parameters
-    ----------
-    settings : PODSettings
-        A dataclass; its class names the surrogate.
-    regression : callable
-        Fits the scores on one record.
-    runs : Runs
-        Of the model it is to stand for; failed ones are left out.
-    progress : callable or None
-        Called with the percentage done and 100.
-    reach : float
-        How far beyond the range of the runs it extrapolates, see `Fit`.
-
-    Returns
-    -------
-    ResponseSpaceSurrogate
-        A model for those records.
-    """
+    """Fit principal components and a regression of their scores on every record."""
     watch = Stopwatch()
     kind = type(settings).__name__
     done, left_out = fitting_runs(f"{kind}.fit", runs)

@@ -138,18 +138,7 @@ class PODKriging:
 
 
 def from_keys(**given: Any) -> PODKriging:
-    """Make settings from the keys of a study file, including those of the Kriging.
-
-    Parameters
-    ----------
-    **given
-        Keys and values.
-
-    Returns
-    -------
-    PODKriging
-        The settings.
-    """
+    """Make settings from the keys of a study file, including those of the Kriging."""
     kriging, others = kriging_settings(given)
     return PODKriging(kriging=Kriging(**kriging), **others)
 

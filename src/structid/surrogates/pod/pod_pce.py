@@ -90,18 +90,7 @@ class PODPCE:
 
 
 def from_keys(**given: Any) -> PODPCE:
-    """Make settings from the keys of a study file, including those of the expansion.
-
-    Parameters
-    ----------
-    **given
-        Keys and values.
-
-    Returns
-    -------
-    PODPCE
-        The settings.
-    """
+    """Make settings from the keys of a study file, including those of the expansion."""
     own = {key: given.pop(key) for key in PCE_KEYS if key in given}
     default = PODPCE().pce if not own else PCE()
     return PODPCE(pce=replace(default, **own), **given)

@@ -9,18 +9,7 @@ from structid.core.errors import InputError
 
 
 def check_energy(left_out: float) -> None:
-    """Refuse a number that is not a share of the variance.
-
-    Parameters
-    ----------
-    left_out : float
-        What principal components may leave out.
-
-    Raises
-    ------
-    InputError
-        If it is not in [0, 1).
-    """
+    """Refuse a number that is not a share of the variance."""
     if not 0 <= left_out < 1:
         raise InputError("left_out_energy", f"{left_out}", "a share, 0 or more and below 1")
 
@@ -28,21 +17,7 @@ def check_energy(left_out: float) -> None:
 def principal_components(
     table: Float[np.ndarray, "run sample"], left_out_energy: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Proper orthogonal decomposition by the singular value decomposition of the centred table.
-
-    Parameters
-    ----------
-    table : ndarray, shape (run, sample)
-        Histories.
-    left_out_energy : float
-        Share of the variance that may be left out.
-
-    Returns
-    -------
-    tuple of ndarray
-        Mean (sample,), orthonormal modes (component, sample), scores (run, component), and the standard deviation of what is
-        left out (sample,).
-    """
+    """Proper orthogonal decomposition by the singular value decomposition of the centred table."""
     check_energy(left_out_energy)
     mean = table.mean(axis=0)
     left, singular, right = np.linalg.svd(table - mean, full_matrices=False)

@@ -12,36 +12,16 @@ from structid.surrogates.regression import Regression
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """The surrogate on one record.
+    """The surrogate on one record."""
 
-    Parameters
-    ----------
-    name : str
-        Of the record.
-    samples : int
-        Its length.
-    mean : ndarray, shape (time · channel,)
-        Mean history, scaled.
-    modes : ndarray, shape (component, time · channel)
-        Orthonormal φ_k, scaled.
-    truncation : ndarray, shape (time · channel,)
-        Standard deviation over the design of what the components leave out, scaled.
-    scale : ndarray, shape (channel,)
-        SI value of one scaled unit.
-    scores : Regression
-        c_k(θ).
-    score_deviation : ndarray, shape (component,)
-        Root mean square of the leave-one-out residuals of each score.
-    """
-
-    name: str
-    samples: int
-    mean: Float[np.ndarray, " _"]
-    modes: Float[np.ndarray, "component _"]
-    truncation: Float[np.ndarray, " _"]
-    scale: Float[np.ndarray, " channel"]
-    scores: Regression
-    score_deviation: Float[np.ndarray, " component"]
+    name: str  # Of the record
+    samples: int  # Its length
+    mean: Float[np.ndarray, " _"]  # Mean history, scaled
+    modes: Float[np.ndarray, "component _"]  # Orthonormal φ_k, scaled
+    truncation: Float[np.ndarray, " _"]  # Standard deviation over the design of what the components leave out, scaled
+    scale: Float[np.ndarray, " channel"]  # SI value of one scaled unit
+    scores: Regression  # c_k(θ)
+    score_deviation: Float[np.ndarray, " component"]  # Root mean square of the leave-one-out residuals of each score
 
     @property
     def error(self) -> float:

@@ -24,15 +24,7 @@ from structid.surrogates.regression_list import regression_from_plain
 
 
 class ResponseSpaceSurrogate(Surrogate):
-    """A fitted `PODKriging` or `PODPCE`: knows the response to the records it was fitted to, and to no other.
-
-    Parameters
-    ----------
-    fit : Fit
-        How it came about.
-    records : mapping of str to RecordFit
-        By content hash of the record.
-    """
+    """A fitted `PODKriging` or `PODPCE`: knows the response to the records it was fitted to, and to no other."""
 
     loops: ClassVar[bool] = False
     own_records: ClassVar[bool] = True
@@ -42,18 +34,7 @@ class ResponseSpaceSurrogate(Surrogate):
         self.records = dict(records)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse a record the surrogate was not fitted to.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is another one, by its values.
-        """
+        """Refuse a record the surrogate was not fitted to."""
         if excitation.content_hash not in self.records:
             known = ", ".join(
                 f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values()
@@ -66,20 +47,7 @@ class ResponseSpaceSurrogate(Surrogate):
             )
 
     def response(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond: scores, then their sum with the modes.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            One of the fitted records, known by its hash.
-
-        Returns
-        -------
-        tuple of array
-            Values (time, channel, run), and whether they are finite (run,), of the same kind as `theta`.
-        """
+        """Respond: scores, then their sum with the modes."""
         fit, numpy = self.records[excitation.identity], namespace(theta)
         factors = np.tile(fit.scale, fit.samples)
         scores = fit.scores.predict(self.held_inside(theta))
@@ -88,20 +56,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return values.reshape(fit.samples, len(fit.scale), -1), finite
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            One of the fitted records.
-
-        Returns
-        -------
-        TimeLoop
-            The state are the scores, which stay; a sample is their sum with its row of the modes.
-        """
+        """Give the response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`."""
         fit = self.records[excitation.identity]
         scores = fit.scores.predict(self.held_inside(theta)).T
         modes = fit.modes.reshape(-1, fit.samples, len(fit.scale)) * fit.scale
@@ -121,22 +76,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def shortcut(
         self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
     ) -> ScoreShortcut:
-        """Sum modes and measurements over time; see `TraceableModel.shortcut`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            One of the fitted records.
-        values : ndarray, shape (time, channel, measurement)
-            The measurements.
-        channels : tuple of str
-            Their channels.
-
-        Returns
-        -------
-        ScoreShortcut
-            Products of modes and measurements.
-        """
+        """Sum modes and measurements over time; see `TraceableModel.shortcut`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         shape = (fit.samples, len(fit.scale))
@@ -163,22 +103,7 @@ class ResponseSpaceSurrogate(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            One of the fitted records.
-        values : jax.Array, shape (time, channel, run)
-            The response there.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            Of the scores, and of what the components leave out.
-        """
+        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
         fit = self.records[excitation.identity]
         shape = (fit.samples, len(fit.scale))
         squares = (fit.modes.reshape(-1, *shape) ** 2).mean(axis=1) * fit.scale**2
@@ -186,20 +111,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return (self.scores_with_deviation(fit, theta)[1] ** 2 @ squares + rest).T
 
     def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Scores and their standard deviations.
-
-        Parameters
-        ----------
-        fit : RecordFit
-            On which record.
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-
-        Returns
-        -------
-        tuple of array, shape (run, component)
-            Means and standard deviations, of the same kind as `theta`.
-        """
+        """Scores and their standard deviations."""
         scores, deviation = fit.scores.predict_with_deviation(self.held_inside(theta))
         if deviation is None:
             numpy = namespace(scores)
@@ -212,22 +124,7 @@ class ResponseSpaceSurrogate(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the scores through the modes, and what the components leave out.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            One of the fitted records.
-        values : ndarray, shape (run, time, channel)
-            The predictions there.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI.
-        """
+        """Standard deviation in time: that of the scores through the modes, and what the components leave out."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         deviation = fit.scores.deviation(self.held_inside(np.asarray(theta, dtype=np.float64)))
@@ -239,22 +136,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from the errors of the scores, which are independent; see `Surrogate.sampled`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI, a draw for each.
-        excitation : Excitation
-            One of the fitted records.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI.
-        """
+        """Draw responses from the errors of the scores, which are independent; see `Surrogate.sampled`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         scores, deviation = self.scores_with_deviation(fit, np.asarray(theta, dtype=np.float64))
@@ -268,20 +150,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            The runs that it was fitted to, in their order.
-        excitation : Excitation
-            One of the fitted records.
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            In SI, by the components that all runs have given.
-        """
+        """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths."""
         fit = self.records[excitation.content_hash]
         kriging: Any = fit.scores
         scores = kriging.predict(np.asarray(theta, dtype=np.float64)) - kriging.leave_one_out_residuals
@@ -289,13 +158,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return np.asarray(values * fit.scale)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can hold, and arrays.
-        """
+        """Give what the surrogate consists of, for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for number, (content_hash, fit) in enumerate(self.records.items()):
@@ -313,22 +176,7 @@ class ResponseSpaceSurrogate(Surrogate):
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ResponseSpaceSurrogate:
-        """Make a surrogate again from what `to_plain` said.
-
-        Parameters
-        ----------
-        fit : Fit
-            How it came about.
-        plain : dict
-            What JSON can hold.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        ResponseSpaceSurrogate
-            The same surrogate.
-        """
+        """Make a surrogate again from what `to_plain` said."""
         records = {}
         for number, said in plain.items():
             own = found_under(number, arrays)

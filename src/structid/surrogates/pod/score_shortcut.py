@@ -23,96 +23,30 @@ class ScoreSource(Protocol):
     records: dict[str, RecordFit]
 
     def held_inside(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Move points outside the range of the design to its edge.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        jax.Array, shape (run, parameter)
-            Points inside.
-        """
+        """Move points outside the range of the design to its edge."""
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
-        """Say which points a posterior may use.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        jax.Array of bool, shape (run,)
-            False has no density.
-        """
+        """Say which points a posterior may use."""
 
     def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Scores and their standard deviations.
-
-        Parameters
-        ----------
-        fit : RecordFit
-            On which record.
-        theta : jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        tuple of jax.Array, shape (run, component)
-            Means and standard deviations.
-        """
+        """Scores and their standard deviations."""
 
 
 @dataclass(frozen=True)
 class ScoreShortcut(Shortcut):
-    """Measurements in the space of the scores: r = y − ȳ − Φᵀc = beyond − (c − nearest) Φ, summed over time beforehand.
+    """Measurements in the space of the scores: r = y − ȳ − Φᵀc = beyond − (c − nearest) Φ, summed over time beforehand."""
 
-    Parameters
-    ----------
-    surrogate : ScoreSource
-        Whose scores.
-    identity : str
-        Content hash of the record.
-    inner : ndarray, shape (channel, component, component)
-        ΦΦᵀ.
-    left_out : ndarray, shape (channel,)
-        Variance that the components leave out, averaged over time.
-    samples : float
-        Length of the measurements.
-    nearest : ndarray, shape (channel, measurement, component)
-        Scores nearest to each measurement.
-    squares_beyond : ndarray, shape (channel, measurement)
-        ‖beyond‖².
-    levers_beyond : ndarray, shape (channel, measurement, component)
-        Φ beyond, which is zero up to rounding.
-    """
-
-    surrogate: ScoreSource
-    identity: str
-    inner: Float[Array, "channel component component"]
-    left_out: Float[Array, " channel"]
-    samples: Any
-    nearest: Float[Array, "channel measurement component"]
+    surrogate: ScoreSource  # Whose scores
+    identity: str  # Content hash of the record
+    inner: Float[Array, "channel component component"]  # ΦΦᵀ
+    left_out: Float[Array, " channel"]  # Variance that the components leave out, averaged over time
+    samples: Any  # Length of the measurements
+    nearest: Float[Array, "channel measurement component"]  # Scores nearest to each measurement
     squares_beyond: Float[Array, "channel measurement"]
-    levers_beyond: Float[Array, "channel measurement component"]
+    levers_beyond: Float[Array, "channel measurement component"]  # Φ beyond, which is zero up to rounding
 
     def for_runs(self, measurement: Int[Array, " run"]) -> ScoreShortcut:
-        """Give each run a measurement of its own; see `Shortcut.for_runs`.
-
-        Parameters
-        ----------
-        measurement : jax.Array of int, shape (run,)
-            Which one.
-
-        Returns
-        -------
-        ScoreShortcut
-            Of as many measurements as there are runs.
-        """
+        """Give each run a measurement of its own; see `Shortcut.for_runs`."""
         return replace(
             self,
             nearest=self.nearest[:, measurement],
@@ -121,18 +55,7 @@ class ScoreShortcut(Shortcut):
         )
 
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Sums (channel, run) and whether they are finite (run,).
-        """
+        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ."""
         scores = self._record.scores.predict(self.surrogate.held_inside(theta))
         squares = self._squares(scores)
         return squares, jnp.isfinite(squares).all(axis=0) & self.surrogate.admitted(theta)
@@ -163,18 +86,6 @@ class ScoreShortcut(Shortcut):
         variances s² and p = Φr/a it is σ² + a²s² along each mode, and σ² beyond them,
 
             −½ [(T − K) log 2πσ² + Σ log 2π(σ² + a²s²) + (‖r‖² − ‖p‖²)/σ² + Σ p²/(σ² + a²s²)].
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        variance : jax.Array, shape (channel, run)
-            Of the independent errors; the mean variance that the components leave out is added.
-
-        Returns
-        -------
-        tuple of jax.Array, or None
-            Log density and whether it is finite (run,); None for several channels, whose modes are orthogonal only together.
         """
         if len(self.surrogate.channels) > 1:
             return None
@@ -202,22 +113,7 @@ def nearest_scores(
     inner: Float[np.ndarray, "component component"],
     residual: Float[np.ndarray, " time"],
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Split a residual into what the modes reach and what is beyond them.
-
-    Parameters
-    ----------
-    modes : ndarray, shape (component, time)
-        Φ.
-    inner : ndarray, shape (component, component)
-        ΦΦᵀ.
-    residual : ndarray, shape (time,)
-        r.
-
-    Returns
-    -------
-    tuple of ndarray, float, ndarray
-        The scores nearest to r (component,), ‖beyond‖², and Φ beyond (component,).
-    """
+    """Split a residual into what the modes reach and what is beyond them."""
     # What is out of reach is kept apart, so that a small misfit keeps its digits.
     nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
     beyond = residual - nearest @ modes

@@ -23,20 +23,6 @@ def evidence_of(
     average. Where a narrow peak takes over, too few of them are on it. They lag behind, and their mean log-likelihood rises while
     they move. When their correlation with where they began has fallen to ρ, the share ρ of such a deficit D is left: after a rise
     of (1 − ρ) D, ρ D is missing.
-
-    Parameters
-    ----------
-    stages : list of Population
-        From β = 0 to β = 1.
-    rise : ndarray, shape (stage, ensemble)
-        Of the mean log-likelihoods while the particles moved.
-    left : ndarray, shape (stage,)
-        ρ, the correlation at the end of each stage with where it began.
-
-    Returns
-    -------
-    Evidence
-        Σ log Z_{k+1}/Z_k of each population, and their mean.
     """
     left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
     each = np.zeros(len(stages[0].prior))
@@ -63,16 +49,6 @@ def bennett_ratio(
     """Log Z₁/Z₀ of two densities from draws of both (C. H. Bennett 1976, doi 10.1016/0021-9991(76)90078-4).
 
     With f(x) = 1/(1 + eˣ) and equally many draws of each, log Z₁/Z₀ is the C that solves Σ₀ f(C − w) = Σ₁ f(w − C).
-
-    Parameters
-    ----------
-    forward, backward : ndarray, shape (draw,)
-        w, the log of the unnormalised second density over the first, at draws of the first and of the second.
-
-    Returns
-    -------
-    tuple of float
-        log Z₁/Z₀, and its variance if the draws were independent.
     """
 
     def difference(constant: float) -> float:

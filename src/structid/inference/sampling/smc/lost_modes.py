@@ -38,20 +38,11 @@ WIDEST = 10.0
 
 
 class Mode(NamedTuple):
-    """A local maximum of a density, and the Gaussian law that touches it (Laplace's approximation).
+    """A local maximum of a density, and the Gaussian law that touches it (Laplace's approximation)."""
 
-    Parameters
-    ----------
-    middle : ndarray, shape (parameter,)
-        Where it is, in unconstrained coordinates.
-    log_density : float
-        There.
-    factor : ndarray, shape (parameter, parameter)
-        Cholesky factor of the covariance, the inverse of the density's curvature.
-    """
-
-    middle: Float[np.ndarray, " parameter"]
-    log_density: float
+    middle: Float[np.ndarray, " parameter"]  # Where it is, in unconstrained coordinates
+    log_density: float  # There
+    # Cholesky factor of the covariance, the inverse of the density's curvature
     factor: Float[np.ndarray, "parameter parameter"]
 
     @property
@@ -72,22 +63,6 @@ def lost_modes(
     Each scout makes one step uphill. It is passed over if from there the density never falls on the straight way to a known mode.
     Otherwise a search climbs from where the density begins to fall, the densest scouts first. Its maximum is a new mode if valleys
     divide it from the particles around.
-
-    Parameters
-    ----------
-    target : Target
-        What is sampled.
-    particles : ndarray, shape (particle, parameter)
-        Where the modes are known.
-    log_density : ndarray, shape (particle,)
-        There.
-    scouts : ndarray, shape (scout, parameter)
-        Draws of the prior.
-
-    Returns
-    -------
-    list of Mode
-        What was found; no mode twice.
     """
     return _lost(_Known(target, particles, log_density), scouts)
 
@@ -132,22 +107,7 @@ def all_modes(
     many: Float[np.ndarray, "point parameter"],
     most: int,
 ) -> list[Mode]:
-    """Find the modes in which particles are, and those that they have lost.
-
-    Parameters
-    ----------
-    target, particles, log_density, scouts
-        As in `lost_modes`; scouts may be any points.
-    many : ndarray, shape (point, parameter)
-        Draws of the prior, of which some become scouts, too.
-    most : int
-        How many.
-
-    Returns
-    -------
-    list of Mode
-        Those with particles first; at least one.
-    """
+    """Find the modes in which particles are, and those that they have lost."""
     known = _Known(target, particles, log_density)
     modes: list[Mode] = []
     for centre, _ in known.centres:

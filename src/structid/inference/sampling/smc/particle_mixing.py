@@ -16,16 +16,6 @@ def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) 
 
     Every particle is compared with itself, so that a common drift much smaller than the spread of the particles is seen. Ranks are
     compared, so that far particles do not decide.
-
-    Parameters
-    ----------
-    draws : ndarray, shape (step, population, particle, quantity)
-        While the exponent was 1.
-
-    Returns
-    -------
-    dict of int to float
-        For each of them the change in standard errors; empty where all are at rest.
     """
     half = len(draws) // 2
     if half == 0:

@@ -16,15 +16,6 @@ class FromReference(Target):
 
     π = q · (π/q): the reference takes the prior's place and the rest the likelihood's, so that a tempering passes through
     q^(1−β) π^β. Since q integrates to one, its evidence is the target's.
-
-    Parameters
-    ----------
-    target : Target
-        π.
-    particles : EnsembleState
-        Of all populations, where the modes are known.
-    modes : list of Mode
-        To begin in as well. Half of q is divided evenly among them.
     """
 
     def __init__(self, target: Target, particles: EnsembleState, modes: list[Mode]) -> None:
@@ -39,18 +30,7 @@ class FromReference(Target):
         )
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log q, and what it lacks of log π; see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log q, log π − log q, and where a simulation failed.
-        """
+        """Log q, and what it lacks of log π; see `Target.evaluate_parts`."""
         dimension, degrees = phi.shape[1], DEGREES_OF_FREEDOM
         # A Student density is Γ((ν + d)/2) / (Γ(ν/2) (νπ)^(d/2) |Σ|^½) (1 + r²/ν)^(−(ν + d)/2).
         constant = (
@@ -61,50 +41,15 @@ class FromReference(Target):
         return own, density - own, failed
 
     def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Log density of the target; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density, and where a simulation failed.
-        """
+        """Log density of the target; see `Target.evaluate`."""
         return self.target.evaluate(phi)
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Log density with respect to the parameters; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            The target's.
-        """
+        """Log density with respect to the parameters; see `Target.log_density`."""
         return self.target.log_density(theta)
 
     def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-        """Draw from the reference.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
+        """Draw from the reference."""
         return np.asarray(self.law.draw(rng, count)[0])
 
     @property

@@ -63,22 +63,12 @@ LEAST_LIKELIHOOD = -1e60
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Particles at one exponent.
+    """Particles at one exponent."""
 
-    Parameters
-    ----------
-    phi : ndarray, shape (ensemble, particle, parameter)
-        Unconstrained coordinates.
-    prior, likelihood : ndarray, shape (ensemble, particle)
-        Log densities there, the prior's with respect to φ.
-    exponent : float
-        β.
-    """
-
-    phi: Float[np.ndarray, "ensemble particle parameter"]
-    prior: Float[np.ndarray, "ensemble particle"]
-    likelihood: Float[np.ndarray, "ensemble particle"]
-    exponent: float
+    phi: Float[np.ndarray, "ensemble particle parameter"]  # Unconstrained coordinates
+    prior: Float[np.ndarray, "ensemble particle"]  # Log densities there, the prior's with respect to φ
+    likelihood: Float[np.ndarray, "ensemble particle"]  # Log densities there, the prior's with respect to φ
+    exponent: float  # β
 
     @property
     def log_density(self) -> np.ndarray:
@@ -87,59 +77,18 @@ class Population:
 
     @classmethod
     def of(cls, block: Block) -> Population:
-        """Particles at the end of a block.
-
-        Parameters
-        ----------
-        block : dict
-            As `run_stage` and `run_moves` make it.
-
-        Returns
-        -------
-        Population
-            Where to go on.
-        """
+        """Particles at the end of a block."""
         last = {name: array[-1] for name, array in block.items()}
         return cls(last["phi"], last["prior"], last["likelihood"], float(last["exponent"]))
 
 
 def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.ndarray:
-    """Log π₀ L^β; at β = 0 a likelihood of −inf does not count.
-
-    Parameters
-    ----------
-    prior, likelihood : ndarray
-        Log densities.
-    exponent : float
-        β.
-
-    Returns
-    -------
-    ndarray
-        Log density.
-    """
+    """Log π₀ L^β; at β = 0 a likelihood of −inf does not count."""
     return prior + exponent * likelihood if exponent > 0.0 else prior
 
 
 def starting_population(settings: PopulationSettings, target: Target, seed: int, index: int = 0) -> Population:
-    """Draw particles from the prior, or from what stands in its place.
-
-    Parameters
-    ----------
-    settings : PopulationSettings
-        How many.
-    target : Target
-        With the prior.
-    seed : int
-        Seed.
-    index : int
-        0 for the first start, 1 for a second.
-
-    Returns
-    -------
-    Population
-        At β = 0.
-    """
+    """Draw particles from the prior, or from what stands in its place."""
     shape = (settings.ensembles, settings.particles)
     phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, index))
     prior, likelihood, _ = _evaluated(target, phi)
@@ -160,24 +109,7 @@ def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def run_stage(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
 ) -> tuple[Population, Block]:
-    """Raise the exponent: weight, resample, move.
-
-    Parameters
-    ----------
-    settings : PopulationSettings
-        How far, and how.
-    target : Target
-        What is sampled.
-    population : Population
-        Before.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    tuple of Population and dict
-        After, and its block of one step.
-    """
+    """Raise the exponent: weight, resample, move."""
     exponent = next_exponent(population.likelihood, population.exponent, settings.effective_share)
     log_weights = (exponent - population.exponent) * population.likelihood
     weights = np.exp(log_weights - logsumexp(log_weights, axis=1, keepdims=True))
@@ -211,26 +143,7 @@ def _at_rest(passed: list[np.ndarray]) -> bool:
 def run_moves(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator, steps: int
 ) -> tuple[Population, Block]:
-    """Move particles at a constant exponent.
-
-    Parameters
-    ----------
-    settings : PopulationSettings
-        How.
-    target : Target
-        What is sampled.
-    population : Population
-        Before.
-    rng : numpy.random.Generator
-        Source of randomness.
-    steps : int
-        How often.
-
-    Returns
-    -------
-    tuple of Population and dict
-        After, and the block of all steps.
-    """
+    """Move particles at a constant exponent."""
     history, accepted, failed = [], [], []
     for _ in range(steps):
         population, moved, lost = move(settings, target, population, rng)
@@ -243,24 +156,7 @@ def run_moves(
 def move(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
 ) -> tuple[Population, np.ndarray, int]:
-    """Move every particle once: one half of each population, then the other.
-
-    Parameters
-    ----------
-    settings : PopulationSettings
-        Which moves.
-    target : Target
-        What is sampled.
-    population : Population
-        Before.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    tuple of Population, ndarray of bool (ensemble, particle), int
-        After, which moved, and how many simulations failed.
-    """
+    """Move every particle once: one half of each population, then the other."""
     phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
     moves = Moves(settings.stretch, settings.differential_evolution, settings.independent)
     failed_simulations = 0
@@ -283,22 +179,7 @@ def move(
 
 
 def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
-    """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw².
-
-    Parameters
-    ----------
-    likelihood : ndarray, shape (ensemble, particle)
-        Log-likelihoods.
-    exponent : float
-        The present one.
-    share : float
-        Of the particles.
-
-    Returns
-    -------
-    float
-        At most 1.
-    """
+    """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw²."""
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
     with np.errstate(over="ignore"):
         below_best = likelihood - likelihood.max(axis=1, keepdims=True)
@@ -334,26 +215,7 @@ def block_of(
     rise: Float[np.ndarray, " ensemble"] | None = None,
     left: float = 0.0,
 ) -> Block:
-    """Make a block of some steps.
-
-    Parameters
-    ----------
-    populations : list of Population
-        After each step.
-    accepted : list of ndarray of bool, shape (ensemble, particle)
-        Which moved in each.
-    failed : list of int
-        Simulations that failed in each.
-    rise : ndarray, shape (ensemble,), optional
-        Of a stage: how far its mean log-likelihoods rose.
-    left : float
-        Of a stage: the correlation left with where it began.
-
-    Returns
-    -------
-    dict
-        Arrays with a leading step axis.
-    """
+    """Make a block of some steps."""
     several = ("phi", "prior", "likelihood", "log_density", "exponent")
     block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
     moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)

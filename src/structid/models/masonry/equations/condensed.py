@@ -31,18 +31,10 @@ from structid.models.masonry.finite_elements.assembly import Assembly
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """Constants of the condensed equations.
+    """Constants of the condensed equations."""
 
-    Parameters
-    ----------
-    assembly : Assembly
-        Matrices of the wall.
-    joint_law : JointLaw
-        What all joints obey.
-    """
-
-    assembly: Assembly = field(repr=False)
-    joint_law: JointLaw
+    assembly: Assembly = field(repr=False)  # Matrices of the wall
+    joint_law: JointLaw  # What all joints obey
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -125,22 +117,7 @@ class Condensed:
     def forces(
         self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
     ) -> tuple[Any, Any]:
-        """Forces of joints and short bars, and their tangent.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            Parameters of the joints.
-        memory : array, shape (memory, joint, run)
-            What they remember.
-        jumps : array, shape (jump, run)
-            δ [m].
-
-        Returns
-        -------
-        tuple of array, shape (jump, run) and (pair, 2, 2, run)
-            [N], and the blocks of D on its diagonal [N/m].
-        """
+        """Forces of joints and short bars, and their tangent."""
         areas, count = self.assembly.joint_areas[:, None], 2 * self.joints
         response = self.joint_law.respond(law, memory, jumps[0:count:2], jumps[1:count:2])
         of_joints = jnp.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(count, -1)
@@ -160,37 +137,11 @@ class Condensed:
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
     ) -> Float[Array, "memory joint run"]:
-        """What the joints remember after a step.
-
-        Parameters
-        ----------
-        law : CohesiveLaw
-            Parameters of the joints.
-        memory : array, shape (memory, joint, run)
-            Before it.
-        jumps : array, shape (jump, run)
-            δ at its end [m].
-
-        Returns
-        -------
-        array, shape (memory, joint, run)
-            After it.
-        """
+        """What the joints remember after a step."""
         count = 2 * self.joints
         return self.joint_law.remembered(law, memory, jumps[0:count:2], jumps[1:count:2])
 
     def compliance(self, weights: Float[Array, "mode run"]) -> Float[Array, "block 2 2 run"]:
-        """Blocks of F = V W Vᵀ.
-
-        Parameters
-        ----------
-        weights : array, shape (mode, run)
-            Diagonal of W.
-
-        Returns
-        -------
-        array, shape (block, 2, 2, run)
-            In the order of `pattern`.
-        """
+        """Blocks of F = V W Vᵀ."""
         rows, pattern = self.jump_rows.reshape(-1, 2, len(self.squares)), self.pattern
         return jnp.einsum("bim,mr,bjm->bijr", rows[pattern.rows], weights, rows[pattern.columns])

@@ -29,21 +29,11 @@ LARGEST_CUT = 64
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Forces at a displacement, and their derivative.
+    """Forces at a displacement, and their derivative."""
 
-    Parameters
-    ----------
-    internal : ndarray, shape (dof,)
-        [N].
-    tangent : matrix, shape (dof, dof)
-        [N/m], not symmetric.
-    joints : ndarray, shape (2 joint,)
-        Forces of the joints on their jumps [N].
-    """
-
-    internal: Float[np.ndarray, " dof"]
-    tangent: Any
-    joints: Float[np.ndarray, " _"]
+    internal: Float[np.ndarray, " dof"]  # [N]
+    tangent: Any  # [N/m], not symmetric
+    joints: Float[np.ndarray, " _"]  # Forces of the joints on their jumps [N]
 
 
 class Matrices(NamedTuple):
@@ -58,21 +48,11 @@ class Matrices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DenseWall:
-    """A wall with the law of its joints.
+    """A wall with the law of its joints."""
 
-    Parameters
-    ----------
-    assembly : Assembly
-        Matrices.
-    joint_law : JointLaw
-        What its joints obey.
-    law : CohesiveLaw
-        With which parameters.
-    """
-
-    assembly: Assembly
-    joint_law: JointLaw
-    law: CohesiveLaw
+    assembly: Assembly  # Matrices
+    joint_law: JointLaw  # What its joints obey
+    law: CohesiveLaw  # With which parameters
 
     @property
     def nothing(self) -> np.ndarray:
@@ -82,38 +62,12 @@ class DenseWall:
     def remembered(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, "memory joint"]:
-        """What the joints remember of a displacement.
-
-        Parameters
-        ----------
-        u : ndarray, shape (dof,)
-            At the end of a step [m].
-        memory : ndarray, shape (memory, joint)
-            Before it.
-
-        Returns
-        -------
-        ndarray, shape (memory, joint)
-            After it.
-        """
+        """What the joints remember of a displacement."""
         delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
     def forces(self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]) -> Forces:
-        """Internal forces of blocks, bars and joints.
-
-        Parameters
-        ----------
-        u : ndarray, shape (dof,)
-            Displacements [m].
-        memory : ndarray, shape (memory, joint)
-            What the joints remember.
-
-        Returns
-        -------
-        Forces
-            And the tangent.
-        """
+        """Internal forces of blocks, bars and joints."""
         m, areas, bars = self.matrices, self.assembly.joint_areas, self.assembly.bar_stiffness
         delta = m.jumps @ u
         response = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2])
@@ -133,53 +87,18 @@ class DenseWall:
         return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
 
     def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Float[Array, "_ _"]:
-        """Write blocks on a diagonal.
-
-        Parameters
-        ----------
-        blocks : ndarray, shape (joint, 2, 2)
-            The blocks.
-
-        Returns
-        -------
-        ndarray, shape (2 joint, 2 joint)
-            The matrix.
-        """
+        """Write blocks on a diagonal."""
         found = np.zeros((len(blocks), 2, len(blocks), 2))
         place = np.arange(len(blocks))
         found[place, :, place, :] = blocks
         return found.reshape(2 * len(blocks), -1)
 
     def solved(self, matrix: Any, right: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
-        """Solve a linear system.
-
-        Parameters
-        ----------
-        matrix : matrix, shape (dof, dof)
-            Its matrix.
-        right : ndarray, shape (dof,)
-            Its right side.
-
-        Returns
-        -------
-        ndarray, shape (dof,)
-            Its solution.
-        """
+        """Solve a linear system."""
         return np.linalg.solve(matrix, right)
 
     def loaded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements under the vertical load, which grows in steps, and what the joints remember of it.
-
-        Returns
-        -------
-        tuple of ndarray, shape (dof,) and (memory, joint)
-            [m].
-
-        Raises
-        ------
-        ConvergenceError
-            If there is no equilibrium.
-        """
+        """Displacements under the vertical load, which grows in steps, and what the joints remember of it."""
         u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
         steps = self.joint_law.load_steps
         for step in range(1, steps + 1):
@@ -198,37 +117,13 @@ class DenseWall:
     def frequencies(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, " mode"]:
-        """Natural frequencies of the tangent's symmetric part.
-
-        Parameters
-        ----------
-        u : ndarray, shape (dof,)
-            Displacements at which the tangent is taken.
-        memory : ndarray, shape (memory, joint)
-            What the joints remember.
-
-        Returns
-        -------
-        ndarray, shape (dof,)
-            [Hz], from the lowest.
-        """
+        """Natural frequencies of the tangent's symmetric part."""
         tangent = self.forces(u, memory).tangent
         squares = self.lowest(0.5 * (tangent + tangent.T))
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
 
     def lowest(self, stiffness: Any) -> np.ndarray:
-        """Lowest squares of the natural frequencies.
-
-        Parameters
-        ----------
-        stiffness : matrix, shape (dof, dof)
-            Symmetric.
-
-        Returns
-        -------
-        ndarray
-            ω² [1/s²], rising; all of them.
-        """
+        """Lowest squares of the natural frequencies."""
         return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
 
     def rayleigh(
@@ -238,99 +133,39 @@ class DenseWall:
         ratio: float,
         modes: tuple[int, int] = (1, 3),
     ) -> tuple[float, float]:
-        """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω).
-
-        Parameters
-        ----------
-        u : ndarray, shape (dof,)
-            Displacements at which the tangent is taken.
-        memory : ndarray, shape (memory, joint)
-            What the joints remember.
-        ratio : float
-            ζ.
-        modes : tuple of int
-            Numbers of the modes, from 1.
-
-        Returns
-        -------
-        tuple of float
-            a₀ [1/s] and a₁ [s].
-        """
+        """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω)."""
         one, other = 2.0 * np.pi * self.frequencies(u, memory)[[modes[0] - 1, modes[1] - 1]]
         return 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """State of a wall at an instant.
+    """State of a wall at an instant."""
 
-    Parameters
-    ----------
-    u, v, a : ndarray, shape (dof,)
-        Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base.
-    memory : ndarray, shape (memory, joint)
-        What the joints remember.
-    """
-
-    u: Float[np.ndarray, " dof"]
-    v: Float[np.ndarray, " dof"]
-    a: Float[np.ndarray, " dof"]
-    memory: Float[np.ndarray, "memory joint"]
+    u: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
+    v: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
+    a: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
+    memory: Float[np.ndarray, "memory joint"]  # What the joints remember
 
 
 @dataclass(frozen=True, eq=False)
 class DenseHistory:
-    """What becomes of a wall under a record.
+    """What becomes of a wall under a record."""
 
-    Parameters
-    ----------
-    u, v, a : ndarray, shape (time, dof)
-        From the loaded wall on.
-    memory : ndarray, shape (time, memory, joint)
-        What the joints remember.
-    joints : ndarray, shape (time, 2 joint)
-        Forces of the joints [N].
-    base : ndarray, shape (time,)
-        Acceleration of the base [m/s²].
-    damping : matrix, shape (dof, dof)
-        C.
-    converged : bool
-        Whether it went to the end.
-    """
-
-    u: Float[np.ndarray, "time dof"] = field(repr=False)
-    v: Float[np.ndarray, "time dof"] = field(repr=False)
-    a: Float[np.ndarray, "time dof"] = field(repr=False)
-    memory: Float[np.ndarray, "time memory joint"] = field(repr=False)
-    joints: Float[np.ndarray, "time _"] = field(repr=False)
-    base: Float[np.ndarray, " time"] = field(repr=False)
-    damping: Any = field(repr=False)
-    converged: bool
+    u: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
+    v: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
+    a: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
+    memory: Float[np.ndarray, "time memory joint"] = field(repr=False)  # What the joints remember
+    joints: Float[np.ndarray, "time _"] = field(repr=False)  # Forces of the joints [N]
+    base: Float[np.ndarray, " time"] = field(repr=False)  # Acceleration of the base [m/s²]
+    damping: Any = field(repr=False)  # C
+    converged: bool  # Whether it went to the end
 
 
 def simulate(
     wall: DenseWall, base: Float[np.ndarray, " time"], dt: float, ratio: float = 0.03, damping: Any | None = None
 ) -> DenseHistory:
-    """Integrate M u″ + C u′ + f(u) = p − M ι a_g by Newmark's average acceleration with Newton iterations.
-
-    Parameters
-    ----------
-    wall : DenseWall
-        The wall.
-    base : ndarray, shape (time,)
-        Acceleration of the base at every step [m/s²].
-    dt : float
-        Step [s].
-    ratio : float
-        Damping ratio of modes 1 and 3 of the loaded tangent.
-    damping : matrix, shape (dof, dof), optional
-        C itself.
-
-    Returns
-    -------
-    DenseHistory
-        As far as it converged.
-    """
+    """Integrate M u″ + C u′ + f(u) = p − M ι a_g by Newmark's average acceleration with Newton iterations."""
     a = wall.assembly
     u, memory = wall.loaded()
     if damping is None:

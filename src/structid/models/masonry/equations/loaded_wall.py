@@ -21,48 +21,17 @@ TOLERANCE = 1e-12
 
 
 class Loaded(NamedTuple):
-    """A wall at rest under its vertical load, and what its motion needs.
+    """A wall at rest under its vertical load, and what its motion needs."""
 
-    Parameters
-    ----------
-    q : array, shape (mode, run)
-        Modal displacements.
-    a_0, a_1 : array, shape (run,)
-        Rayleigh's coefficients [1/s] and [s].
-    memory : array, shape (memory, joint, run)
-        What the joints remember.
-    tangent : array, shape (pair, 2, 2, run)
-        D₀, the symmetric part of the tangent of joints and short bars [N/m].
-    """
-
-    q: Float[Array, "mode run"]
-    a_0: Float[Array, " run"]
-    a_1: Float[Array, " run"]
-    memory: Float[Array, "memory joint run"]
-    tangent: Float[Array, "pair 2 2 run"]
+    q: Float[Array, "mode run"]  # Modal displacements
+    a_0: Float[Array, " run"]  # Rayleigh's coefficients [1/s] and [s]
+    a_1: Float[Array, " run"]  # Rayleigh's coefficients [1/s] and [s]
+    memory: Float[Array, "memory joint run"]  # What the joints remember
+    tangent: Float[Array, "pair 2 2 run"]  # D₀, the symmetric part of the tangent of joints and short bars [N/m]
 
 
 def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tuple[int, int] = (1, 3)) -> Loaded:
-    """Load the wall, and find its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes.
-
-    Parameters
-    ----------
-    wall : Condensed
-        The wall.
-    law : CohesiveLaw
-        Parameters of the joints.
-    runs : int
-        Number of runs.
-    ratio : float
-        ζ.
-    modes : tuple of int
-        Numbers of the modes, from 1.
-
-    Returns
-    -------
-    Loaded
-        Of every run.
-    """
+    """Load the wall, and find its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes."""
     q, memory = jnp.zeros((len(wall.squares), runs)), jnp.zeros((wall.joint_law.memories, wall.joints, runs))
     held = jax.tree.map(lax.stop_gradient, law)
     steps = wall.joint_law.load_steps
@@ -81,20 +50,7 @@ def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tu
 
 
 def frequencies(wall: Condensed, law: CohesiveLaw) -> Float[np.ndarray, " dof"]:
-    """Natural frequencies of the loaded wall.
-
-    Parameters
-    ----------
-    wall : Condensed
-        The wall.
-    law : CohesiveLaw
-        Parameters of the joints, of one run.
-
-    Returns
-    -------
-    ndarray, shape (dof,)
-        [Hz], from the lowest.
-    """
+    """Natural frequencies of the loaded wall."""
     at_rest = loaded(wall, law, 1, 0.0)
     tangent = np.asarray(_stiffness(wall, law, at_rest.memory, at_rest.q))[0]
     squares = np.linalg.eigvalsh(0.5 * (tangent + tangent.T))

@@ -26,28 +26,7 @@ def runs_one_by_one(
     substeps: int,
     progress: Progress | None = None,
 ) -> Histories:
-    """Run a wall with several laws of its joints.
-
-    Parameters
-    ----------
-    condensed : Condensed
-        The wall.
-    laws : list of tuple of CohesiveLaw and float
-        Parameters of the joints of each run, and its damping ratio.
-    channels : tuple of str
-        What to record.
-    excitation : Excitation
-        A ground motion.
-    substeps : int
-        Steps in a sample.
-    progress : callable, optional
-        Called with the number of finished runs and the total.
-
-    Returns
-    -------
-    Histories
-        A run without equilibrium keeps what came before.
-    """
+    """Run a wall with several laws of its joints."""
     stages = excitation.stage_values(substeps)
     base, dt = np.append(stages[:, :, 0].ravel(), stages[-1, -1, 2]), excitation.dt / substeps
     values = np.full((len(laws), len(excitation), len(channels)), np.nan)
@@ -71,28 +50,7 @@ def runs_one_by_one(
 def recorded(
     condensed: Condensed, wall: DenseWall, history: DenseHistory, channels: tuple[str, ...], dt: float, ratio: float
 ) -> Float[np.ndarray, "time channel"]:
-    """Channels of a history, all instants at once, as if each were a run.
-
-    Parameters
-    ----------
-    condensed : Condensed
-        The wall.
-    wall : DenseWall
-        The same with the law of its joints.
-    history : DenseHistory
-        Its motion.
-    channels : tuple of str
-        What to record.
-    dt : float
-        Step [s].
-    ratio : float
-        Damping ratio.
-
-    Returns
-    -------
-    ndarray, shape (time, channel)
-        In SI.
-    """
+    """Channels of a history, all instants at once, as if each were a run."""
     modal = condensed.shapes.T @ wall.matrices.mass
     q, rate, acceleration = (modal @ series.T for series in (history.u, history.v, history.a))
     jumps, jump_rate = condensed.jump_rows @ q, condensed.jump_rows @ rate

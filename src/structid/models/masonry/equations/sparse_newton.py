@@ -18,17 +18,7 @@ MODES = 6
 
 @dataclass(frozen=True, eq=False)
 class SparseWall(DenseWall):
-    """A wall whose matrices have their zeros left out; see `DenseWall`.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        Matrices.
-    joint_law : JointLaw
-        What its joints obey.
-    law : CohesiveLaw
-        With which parameters.
-    """
+    """A wall whose matrices have their zeros left out; see `DenseWall`."""
 
     @cached_property
     def matrices(self) -> Matrices:
@@ -39,54 +29,19 @@ class SparseWall(DenseWall):
         return Matrices(a.sparse_mass, a.sparse_block_stiffness, a.sparse_jumps, bars, linear)
 
     def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Any:
-        """Write blocks on a diagonal; see `DenseWall.block_diagonal`.
-
-        Parameters
-        ----------
-        blocks : ndarray, shape (joint, 2, 2)
-            The blocks.
-
-        Returns
-        -------
-        sparse array, shape (2 joint, 2 joint)
-            The matrix.
-        """
+        """Write blocks on a diagonal; see `DenseWall.block_diagonal`."""
         count = len(blocks)
         return scipy.sparse.bsr_array(
             (blocks, np.arange(count), np.arange(count + 1)), shape=(2 * count, 2 * count)
         ).tocsr()
 
     def solved(self, matrix: Any, right: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
-        """Solve a linear system by SuperLU; see `DenseWall.solved`.
-
-        Parameters
-        ----------
-        matrix : sparse array, shape (dof, dof)
-            Its matrix, of symmetric pattern.
-        right : ndarray, shape (dof,)
-            Its right side.
-
-        Returns
-        -------
-        ndarray, shape (dof,)
-            Its solution.
-        """
+        """Solve a linear system by SuperLU; see `DenseWall.solved`."""
         factors = scipy.sparse.linalg.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
         return np.asarray(factors.solve(right))
 
     def lowest(self, stiffness: Any) -> np.ndarray:
-        """Lowest squares of the natural frequencies; see `DenseWall.lowest`.
-
-        Parameters
-        ----------
-        stiffness : sparse array, shape (dof, dof)
-            Symmetric.
-
-        Returns
-        -------
-        ndarray
-            ω² [1/s²], rising; a few of them.
-        """
+        """Lowest squares of the natural frequencies; see `DenseWall.lowest`."""
         found = scipy.sparse.linalg.eigsh(
             stiffness.tocsc(), k=MODES, M=self.matrices.mass.tocsc(), sigma=0.0, return_eigenvectors=False
         )

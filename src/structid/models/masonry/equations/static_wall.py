@@ -44,21 +44,11 @@ LOADINGS = 8
 
 @dataclass(frozen=True, eq=False)
 class BeamedWall:
-    """Matrices of a wall whose top nodes are held by a rigid beam.
+    """Matrices of a wall whose top nodes are held by a rigid beam."""
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of the wall, with its loading beam of bars.
-    masonry : Masonry
-        Materials and loads.
-    joint_law : JointLaw
-        What all joints obey.
-    """
-
-    mesh: Mesh = field(repr=False)
-    masonry: Masonry
-    joint_law: JointLaw
+    mesh: Mesh = field(repr=False)  # Of the wall, with its loading beam of bars
+    masonry: Masonry  # Materials and loads
+    joint_law: JointLaw  # What all joints obey
 
     @cached_property
     def top_nodes(self) -> np.ndarray:
@@ -77,18 +67,7 @@ class BeamedWall:
         return Condensed(Assembly(held, self.masonry), self.joint_law)
 
     def rigid(self, nodes: np.ndarray) -> Float[np.ndarray, "_ 3"]:
-        """Displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2).
-
-        Parameters
-        ----------
-        nodes : ndarray of int
-            Which.
-
-        Returns
-        -------
-        ndarray, shape (2 node, 3)
-            Of its three motions; horizontal and vertical of one node after the other.
-        """
+        """Displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2)."""
         wall = self.mesh.wall
         x, y = self.mesh.nodes[nodes, 0] - 0.5 * wall.width, self.mesh.nodes[nodes, 1] - wall.height
         found = np.zeros((2 * len(nodes), BEAM))
@@ -115,29 +94,12 @@ class BeamedWall:
 
 @dataclass(frozen=True, eq=False)
 class StaticWall(RestoringForce):
-    """Forces that a wall exerts against a rigid beam on its top; displacements count from where its load has come to rest.
-
-    Parameters
-    ----------
-    wall : BeamedWall
-        The wall.
-    law : CohesiveLaw
-        Parameters of the joints; floats, or arrays over runs.
-    runs : int
-        Their number.
-    farthest : float
-        Longest move that is taken in one piece [m].
-
-    Attributes
-    ----------
-    compliances : list of array
-        Blocks of F = V W Vᵀ, by ε.
-    """
+    """Forces that a wall exerts against a rigid beam on its top; displacements count from where its load has come to rest."""
 
     wall: BeamedWall = field(repr=False)
-    law: CohesiveLaw
-    runs: int = 1
-    farthest: float = 1e-4
+    law: CohesiveLaw  # Parameters of the joints; floats, or arrays over runs
+    runs: int = 1  # Their number
+    farthest: float = 1e-4  # Longest move that is taken in one piece [m]
     compliances: list[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -258,38 +220,11 @@ class StaticWall(RestoringForce):
     # --- the face -----------------------------------------------------------------------------------------------
 
     def force_at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
-        """The vertical load; see `RestoringForce.force_at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (3,) or (3, run)
-            Zeros.
-
-        Returns
-        -------
-        array
-            In the same shape.
-        """
+        """The vertical load; see `RestoringForce.force_at_rest`."""
         return displacement + (self.wall.load if displacement.ndim == 1 else self.wall.load[:, None])
 
     def at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
-        """The wall under its load; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (3,) or (3, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            Modes ``q``, ``jumps``, what the ``joints`` remember, whether it ``stands``, and the place of the beam at ``rest``.
-
-        Raises
-        ------
-        CollapseError
-            If one wall, outside JAX, does not bear its load.
-        """
+        """The wall under its load; see `RestoringForce.at_rest`."""
         if displacement.ndim == 2:
             return self._loaded(displacement.shape[1])
         memory = jax.tree.map(np.asarray, self._compiled_load())
@@ -298,26 +233,7 @@ class StaticWall(RestoringForce):
         return memory
 
     def at(self, memory: Any, displacement: Float[Array, "3 *run"]) -> tuple[Any, Any]:
-        """Move the beam; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : dict
-            As `at_rest` gives it.
-        displacement : array, shape (3,) or (3, run)
-            u_x, u_y, θ from the place at rest.
-
-        Returns
-        -------
-        tuple
-            Forces against the beam with the vertical load in them [N], [N], [N m], and the memory after it. A run that finds no
-            equilibrium has NaN from there on.
-
-        Raises
-        ------
-        CollapseError
-            If one wall, outside JAX, finds none.
-        """
+        """Move the beam; see `RestoringForce.at`."""
         if displacement.ndim == 2:
             force, after = self._moved(memory, memory["rest"] + displacement)
             return jnp.where(after["stands"], force, jnp.nan), after
@@ -347,13 +263,7 @@ class StaticWall(RestoringForce):
         return compiled
 
     def initial_stiffness(self) -> Float[np.ndarray, "3 3"]:
-        """Tangent of the wall under its load, symmetric part.
-
-        Returns
-        -------
-        ndarray, shape (3, 3)
-            [N/m], [N], [N m].
-        """
+        """Tangent of the wall under its load, symmetric part."""
         memory = self.at_rest(np.zeros(BEAM))
         slopes = np.asarray(jax.jit(self._with_slopes)(memory, memory["rest"])[1])[:, :, 0]
         return np.asarray(0.5 * (slopes + slopes.T))

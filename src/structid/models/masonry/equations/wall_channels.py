@@ -33,39 +33,15 @@ _GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0])
 
 
 class Works(NamedTuple):
-    """Energies [J] added up since the beginning, each of shape (run,).
+    """Energies [J] added up since the beginning, each of shape (run,)."""
 
-    Parameters
-    ----------
-    joints, damping, base : array
-        Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall.
-    """
-
-    joints: Any
-    damping: Any
-    base: Any
+    joints: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
+    damping: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
+    base: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
 
 
 def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...]:
-    """Refuse channels that a wall does not have.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The wall's.
-    channels : tuple of str
-        What came.
-
-    Returns
-    -------
-    tuple of str
-        The same.
-
-    Raises
-    ------
-    InputError
-        If one is unknown, named twice, or of a node that does not move.
-    """
+    """Refuse channels that a wall does not have."""
     names = (channels,) if isinstance(channels, str) else tuple(channels)
     allowed = f"ux_top_left, uy_top_right, ux_node_0 to uy_node_{len(mesh.nodes) - 1}, {', '.join(CHANNELS)}"
     for name in names:
@@ -84,36 +60,12 @@ def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...
 
 
 def is_point(channel: str) -> bool:
-    """Whether a channel is the displacement of a point.
-
-    Parameters
-    ----------
-    channel : str
-        Its name.
-
-    Returns
-    -------
-    bool
-        True for ``"ux_top_left"``.
-    """
+    """Whether a channel is the displacement of a point."""
     return _POINT.fullmatch(channel) is not None
 
 
 def point_of(mesh: Mesh, channel: str) -> tuple[int, int]:
-    """Node and direction of a displacement.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The wall's.
-    channel : str
-        Such as ``"ux_top_left"`` or ``"uy_node_12"``.
-
-    Returns
-    -------
-    tuple of int
-        Number of the node, and 0 for horizontal or 1 for vertical.
-    """
+    """Node and direction of a displacement."""
     found = _POINT.fullmatch(channel)
     assert found is not None
     node = int(found.group(3)) if found.group(3) else mesh.corner(found.group(2))
@@ -122,27 +74,13 @@ def point_of(mesh: Mesh, channel: str) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class WallChannels:
-    """The channels of some runs, inside JAX.
+    """The channels of some runs, inside JAX."""
 
-    Parameters
-    ----------
-    condensed : Condensed
-        The wall's equations.
-    channels : tuple of str
-        What is recorded.
-    law : CohesiveLaw
-        Parameters of the joints.
-    loaded : Loaded
-        The wall at rest.
-    dt : float
-        Step [s].
-    """
-
-    condensed: Condensed = field(repr=False)
-    channels: tuple[str, ...]
-    law: CohesiveLaw
-    loaded: Loaded
-    dt: float
+    condensed: Condensed = field(repr=False)  # The wall's equations
+    channels: tuple[str, ...]  # What is recorded
+    law: CohesiveLaw  # Parameters of the joints
+    loaded: Loaded  # The wall at rest
+    dt: float  # Step [s]
     _drift_at_rest: Any = field(init=False, repr=False)
     _strain_at_rest: Any = field(init=False, repr=False)
 
@@ -167,18 +105,7 @@ class WallChannels:
         return SparseMatrix(np.array(rows))
 
     def nothing(self, runs: int) -> Works:
-        """Works before the first step.
-
-        Parameters
-        ----------
-        runs : int
-            How many.
-
-        Returns
-        -------
-        Works
-            Zeros.
-        """
+        """Works before the first step."""
         return Works(*(jnp.zeros(runs) for _ in Works._fields))
 
     def added(self, works: Works, before: WallState, after: WallState, base: tuple[Any, Any]) -> Works:
@@ -186,20 +113,6 @@ class WallChannels:
 
         The joints' is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average acceleration the
         damping forces work Δt vᵀ C v at the mean velocity v, and the base −½ (a_g + a_g′) M ι Δu.
-
-        Parameters
-        ----------
-        works : Works
-            Before the step.
-        before, after : WallState
-            The wall's state.
-        base : tuple of array
-            Acceleration of the base before and after [m/s²].
-
-        Returns
-        -------
-        Works
-            After it.
         """
         c, count = self.condensed, 2 * self.condensed.joints
         move = (after.jumps - before.jumps)[:count]
@@ -216,22 +129,7 @@ class WallChannels:
         return Works(joints, works.damping + self.dt * (own + dashpots), works.base + pushed)
 
     def observe(self, state: WallState, works: Works, base: Any) -> Float[Array, "channel run"]:
-        """Give the channels at an instant.
-
-        Parameters
-        ----------
-        state : WallState
-            The wall's state.
-        works : Works
-            Energies added up.
-        base : array
-            Acceleration of the base [m/s²].
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            In SI.
-        """
+        """Give the channels at an instant."""
         points, of_the_wall = self._points.times(state.q), self._of_the_wall
         rows, number = [], 0
         for channel in self.channels:

@@ -23,89 +23,38 @@ TOLERANCE = 1e-13
 
 
 class WallState(NamedTuple):
-    """State of a wall between two steps; shapes (mode, run) and (jump, run).
+    """State of a wall between two steps; shapes (mode, run) and (jump, run)."""
 
-    Parameters
-    ----------
-    q, rate, acceleration : array
-        Modal displacements and their derivatives.
-    jumps, before, long_before : array
-        Jumps now and at the two steps before, from which the next are guessed.
-    jump_rate : array
-        δ′.
-    memory : array, shape (memory, joint, run)
-        What the joints remember.
-    converged : array of bool, shape (run,)
-        Whether every step has converged.
-    """
-
-    q: Any
-    rate: Any
-    acceleration: Any
-    jumps: Any
-    before: Any
-    long_before: Any
-    jump_rate: Any
-    memory: Float[Array, "memory joint run"]
-    converged: Bool[Array, " run"]
+    q: Any  # Modal displacements and their derivatives
+    rate: Any  # Modal displacements and their derivatives
+    acceleration: Any  # Modal displacements and their derivatives
+    jumps: Any  # Jumps now and at the two steps before, from which the next are guessed
+    before: Any  # Jumps now and at the two steps before, from which the next are guessed
+    long_before: Any  # Jumps now and at the two steps before, from which the next are guessed
+    jump_rate: Any  # δ′
+    memory: Float[Array, "memory joint run"]  # What the joints remember
+    converged: Bool[Array, " run"]  # Whether every step has converged
 
 
 class Fixed(NamedTuple):
-    """What a step needs that is the same in all steps.
+    """What a step needs that is the same in all steps."""
 
-    Parameters
-    ----------
-    law : CohesiveLaw
-        Parameters of the joints.
-    compliance : array
-        Blocks of F.
-    dashpots : array, shape (pair, 2, 2, run)
-        a₁ D₀ [N s/m].
-    """
-
-    law: CohesiveLaw
-    compliance: Any
-    dashpots: Float[Array, "pair 2 2 run"]
+    law: CohesiveLaw  # Parameters of the joints
+    compliance: Any  # Blocks of F
+    dashpots: Float[Array, "pair 2 2 run"]  # a₁ D₀ [N s/m]
 
 
 class Unknown(NamedTuple):
-    """What the jumps of a step depend on.
+    """What the jumps of a step depend on."""
 
-    Parameters
-    ----------
-    fixed : Fixed
-        What is the same in all steps.
-    memory : array, shape (memory, joint, run)
-        What the joints remember.
-    free : array, shape (jump, run)
-        δ_free = V W b, the jumps without forces of the joints.
-    before : array, shape (jump, run)
-        2/Δt δ₀ + δ₀′.
-    """
-
-    fixed: Fixed
-    memory: Float[Array, "memory joint run"]
-    free: Float[Array, "jump run"]
-    before: Float[Array, "jump run"]
+    fixed: Fixed  # What is the same in all steps
+    memory: Float[Array, "memory joint run"]  # What the joints remember
+    free: Float[Array, "jump run"]  # δ_free = V W b, the jumps without forces of the joints
+    before: Float[Array, "jump run"]  # 2/Δt δ₀ + δ₀′
 
 
 def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
-    """State at rest, with the acceleration that equilibrium with the base's first one asks for.
-
-    Parameters
-    ----------
-    wall : Condensed
-        The wall.
-    loaded : Loaded
-        At rest under its load.
-    base : float
-        Acceleration of the base [m/s²].
-
-    Returns
-    -------
-    WallState
-        Before the first step.
-    """
+    """State at rest, with the acceleration that equilibrium with the base's first one asks for."""
     jumps = wall.jump_rows @ loaded.q
     still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
     pushed = jnp.broadcast_to(-wall.inertia[:, None] * base, loaded.q.shape)
@@ -114,24 +63,7 @@ def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
 
 
 def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
-    """Give the step of average acceleration.
-
-    Parameters
-    ----------
-    wall : Condensed
-        The wall.
-    law : CohesiveLaw
-        Parameters of the joints.
-    loaded : Loaded
-        The wall under its load, with its damping.
-    dt : float
-        Step [s].
-
-    Returns
-    -------
-    callable
-        ``step(state, base)``: the state after the step, at whose end the base accelerates by `base`.
-    """
+    """Give the step of average acceleration."""
     squares, two = wall.squares[:, None], 2.0 / dt
     own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
     weights = 1.0 / (two**2 + two * own_damping + squares)
@@ -170,18 +102,6 @@ def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tu
     """Give the solution of δ = δ_free − F g(δ), with its forces and the runs whose iterations are still going on.
 
     Its derivatives are those of the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
-
-    Parameters
-    ----------
-    wall : Condensed
-        The wall.
-    two : float
-        2/Δt [1/s]; 0 where nothing moves.
-
-    Returns
-    -------
-    callable
-        ``solved(unknown, guess, going)``: jumps, forces, and the runs that have not converged.
     """
 
     def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:

@@ -58,18 +58,10 @@ class Masonry:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Matrices over the free degrees of freedom.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    masonry : Masonry
-        Materials and loads.
-    """
+    """Matrices over the free degrees of freedom."""
 
     mesh: Mesh = field(repr=False)
-    masonry: Masonry
+    masonry: Masonry  # Materials and loads
 
     @cached_property
     def sparse_mass(self) -> scipy.sparse.csr_array:
@@ -160,35 +152,11 @@ class Assembly:
         return np.asarray(self.mesh.bar_lengths == SHORT_BAR)
 
     def dof(self, node: int, direction: int) -> int:
-        """Place of a degree of freedom among the free ones.
-
-        Parameters
-        ----------
-        node : int
-            Of the mesh.
-        direction : int
-            0 is horizontal, 1 vertical.
-
-        Returns
-        -------
-        int
-            Its place.
-        """
+        """Place of a degree of freedom among the free ones."""
         return int(np.searchsorted(self.mesh.free, 2 * node + direction))
 
     def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
-        """Nodes of the beam with their shares by tributary length, half of a block's to each end.
-
-        Parameters
-        ----------
-        everywhere : bool
-            Of all blocks under the beam, or of those above bays that reach the base.
-
-        Returns
-        -------
-        list of tuple of int and float
-            Node and share; the shares add up to one.
-        """
+        """Nodes of the beam with their shares by tributary length, half of a block's to each end."""
         mesh, found = self.mesh, []
         standing = [(mesh.nodes[b[0], 0], mesh.nodes[b[1], 0]) for b in mesh.blocks if mesh.nodes[b[0], 1] == 0.0]
         for block in mesh.top_blocks:

@@ -15,18 +15,7 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def shape_functions(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bilinear shape functions N_i = ¼ (1 + r_i r)(1 + s_i s) and their derivatives.
-
-    Parameters
-    ----------
-    r, s : float
-        Natural coordinates, from −1 to 1.
-
-    Returns
-    -------
-    tuple of ndarray, shape (4,) and (2, 4)
-        N, and ∂N/∂r and ∂N/∂s.
-    """
+    """Bilinear shape functions N_i = ¼ (1 + r_i r)(1 + s_i s) and their derivatives."""
     r_i, s_i = CORNERS.T
     values = 0.25 * (1.0 + r_i * r) * (1.0 + s_i * s)
     slopes = 0.25 * np.array([r_i * (1.0 + s_i * s), s_i * (1.0 + r_i * r)])
@@ -34,20 +23,7 @@ def shape_functions(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def strain_matrix(corners: Float[np.ndarray, "4 2"], r: float, s: float) -> tuple[np.ndarray, float]:
-    """Matrix B of the strains ε = (ε_x, ε_y, γ_xy) = B u at a point.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (4, 2)
-        Places of the nodes [m], counterclockwise.
-    r, s : float
-        Natural coordinates of the point.
-
-    Returns
-    -------
-    tuple of ndarray, shape (3, 8), and float
-        B, and the determinant of the Jacobian [m²].
-    """
+    """Matrix B of the strains ε = (ε_x, ε_y, γ_xy) = B u at a point."""
     _, slopes = shape_functions(r, s)
     jacobian = slopes @ corners
     d_x, d_y = np.linalg.solve(jacobian, slopes)
@@ -57,20 +33,7 @@ def strain_matrix(corners: Float[np.ndarray, "4 2"], r: float, s: float) -> tupl
 
 
 def plane_stress(modulus: float, poisson: float) -> Float[np.ndarray, "3 3"]:
-    """Matrix D of σ = D ε in plane stress.
-
-    Parameters
-    ----------
-    modulus : float
-        E [Pa].
-    poisson : float
-        ν.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        [Pa].
-    """
+    """Matrix D of σ = D ε in plane stress."""
     d = np.array([[1.0, poisson, 0.0], [poisson, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - poisson)]])
     return np.asarray(modulus / (1.0 - poisson**2) * d)
 
@@ -78,22 +41,7 @@ def plane_stress(modulus: float, poisson: float) -> Float[np.ndarray, "3 3"]:
 def block_stiffness(
     corners: Float[np.ndarray, "4 2"], thickness: float, modulus: float, poisson: float
 ) -> Float[np.ndarray, "8 8"]:
-    """K = t ∫ Bᵀ D B dA.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (4, 2)
-        Places of the nodes [m].
-    thickness : float
-        t [m].
-    modulus, poisson : float
-        E [Pa] and ν.
-
-    Returns
-    -------
-    ndarray, shape (8, 8)
-        [N/m].
-    """
+    """K = t ∫ Bᵀ D B dA."""
     material, k = plane_stress(modulus, poisson), np.zeros((8, 8))
     for r in GAUSS:
         for s in GAUSS:
@@ -103,22 +51,7 @@ def block_stiffness(
 
 
 def block_mass(corners: Float[np.ndarray, "4 2"], thickness: float, density: float) -> Float[np.ndarray, "8 8"]:
-    """Consistent mass, M = ρ t ∫ Nᵀ N dA.
-
-    Parameters
-    ----------
-    corners : ndarray, shape (4, 2)
-        Places of the nodes [m].
-    thickness : float
-        t [m].
-    density : float
-        ρ [kg/m³].
-
-    Returns
-    -------
-    ndarray, shape (8, 8)
-        [kg].
-    """
+    """Consistent mass, M = ρ t ∫ Nᵀ N dA."""
     m = np.zeros((8, 8))
     for r in GAUSS:
         for s in GAUSS:

@@ -68,21 +68,13 @@ DOOR = Opening(left=1.2, bottom=0.0, width=0.9, height=1.6)
 
 
 class Block(NamedTuple):
-    """A rectangle of masonry [m], and its name such as ``"bay 1, course 2"``.
+    """A rectangle of masonry [m], and its name such as ``"bay 1, course 2"``."""
 
-    Parameters
-    ----------
-    left, bottom, right, top : float
-        Its edges.
-    name : str
-        Where it is.
-    """
-
-    left: float
-    bottom: float
-    right: float
-    top: float
-    name: str
+    left: float  # Its edges
+    bottom: float  # Its edges
+    right: float  # Its edges
+    top: float  # Its edges
+    name: str  # Where it is
 
 
 @check_arguments

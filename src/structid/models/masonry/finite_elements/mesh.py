@@ -17,65 +17,31 @@ SHORT_BAR = 0.02
 
 
 class Joint(NamedTuple):
-    """A point where two faces of blocks touch.
+    """A point where two faces of blocks touch."""
 
-    Parameters
-    ----------
-    lower, upper : tuple of int
-        The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground.
-    weights : tuple of float
-        Shares of the two ends in the displacement of the point.
-    normal : tuple of float
-        From the lower to the upper block, or from the left to the right one.
-    area : float
-        [m²].
-    place : tuple of float
-        The point [m].
-    name : str
-        Such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``.
-    """
-
+    # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
     lower: tuple[int, int]
+    # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
     upper: tuple[int, int]
-    weights: tuple[float, float]
-    normal: tuple[float, float]
-    area: float
-    place: tuple[float, float]
-    name: str
+    weights: tuple[float, float]  # Shares of the two ends in the displacement of the point
+    normal: tuple[float, float]  # From the lower to the upper block, or from the left to the right one
+    area: float  # [m²]
+    place: tuple[float, float]  # The point [m]
+    name: str  # Such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A wall in numbers.
+    """A wall in numbers."""
 
-    Parameters
-    ----------
-    wall : Wall
-        From which it was made.
-    nodes : ndarray, shape (node, 2)
-        Places [m]; each block has its own four.
-    blocks : ndarray of int, shape (block, 4)
-        Nodes of every block, counterclockwise from the lower left.
-    block_names : tuple of str
-        Where they are.
-    joints : tuple of Joint
-        All joints.
-    bars : ndarray of int, shape (bar, 2)
-        Nodes of the loading beam's bars, from the left.
-    bar_lengths : ndarray, shape (bar,)
-        [m]; `SHORT_BAR` where both nodes are at one place.
-    fixed : ndarray of int, shape (node,)
-        Nodes that do not move.
-    """
-
-    wall: Wall
-    nodes: Float[np.ndarray, "node 2"] = field(repr=False)
-    blocks: Int[np.ndarray, "block 4"] = field(repr=False)
-    block_names: tuple[str, ...] = field(repr=False)
+    wall: Wall  # From which it was made
+    nodes: Float[np.ndarray, "node 2"] = field(repr=False)  # Places [m]; each block has its own four
+    blocks: Int[np.ndarray, "block 4"] = field(repr=False)  # Nodes of every block, counterclockwise from the lower left
+    block_names: tuple[str, ...] = field(repr=False)  # Where they are
     joints: tuple[Joint, ...] = field(repr=False)
-    bars: Int[np.ndarray, "bar 2"] = field(repr=False)
-    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)
-    fixed: Int[np.ndarray, " fixed"] = field(repr=False)
+    bars: Int[np.ndarray, "bar 2"] = field(repr=False)  # Nodes of the loading beam's bars, from the left
+    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)  # [m]; `SHORT_BAR` where both nodes are at one place
+    fixed: Int[np.ndarray, " fixed"] = field(repr=False)  # Nodes that do not move
 
     @property
     def free(self) -> np.ndarray:
@@ -104,18 +70,7 @@ class Mesh:
         return np.asarray(found[np.argsort(self.nodes[self.blocks[found, 0], 0])])
 
     def corner(self, name: str) -> int:
-        """Find a node on the top.
-
-        Parameters
-        ----------
-        name : {"top_left", "top_right"}
-            Which.
-
-        Returns
-        -------
-        int
-            Its number.
-        """
+        """Find a node on the top."""
         check_choice("Mesh.corner", name, ("top_left", "top_right"))
         blocks = self.blocks[self.top_blocks]
         return int(blocks[0, 3] if name == "top_left" else blocks[-1, 2])
@@ -128,27 +83,7 @@ class Mesh:
 
 
 def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) -> Mesh:
-    """Make the mesh of a wall.
-
-    Parameters
-    ----------
-    wall : Wall
-        The wall.
-    joint_points : {"ends", "gauss"}
-        Where the two joints of a line sit: at its ends, which is three times too stiff against rotation, or at its Gauss points.
-    base_joint : bool
-        Whether the wall stands on joints, or its lowest nodes are fixed.
-
-    Returns
-    -------
-    Mesh
-        Its arrays.
-
-    Raises
-    ------
-    InputError
-        If a block is supported by nothing.
-    """
+    """Make the mesh of a wall."""
     check_choice("joint_points", joint_points, ("ends", "gauss"))
     blocks = wall.blocks
     corners = np.array([[(b.left, b.bottom), (b.right, b.bottom), (b.right, b.top), (b.left, b.top)] for b in blocks])

@@ -34,34 +34,12 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def what_was_asked(certificate: Certificate) -> Table:
-    """Put figures of a certificate beside their limits.
-
-    Parameters
-    ----------
-    certificate : Certificate
-        The certificate.
-
-    Returns
-    -------
-    Table
-        A row for each limit.
-    """
+    """Put figures of a certificate beside their limits."""
     return Table("What was asked for", (["", "found", "limit"], _asked(certificate)))
 
 
 def what_was_bounded(certificate: Certificate) -> Table:
-    """Give the bounds of every parameter's moments.
-
-    Parameters
-    ----------
-    certificate : Certificate
-        The certificate.
-
-    Returns
-    -------
-    Table
-        A row for each parameter.
-    """
+    """Give the bounds of every parameter's moments."""
     by_chance = [] if certificate.monte_carlo is None else ["of this by the number of draws [sd]"]
     heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "mean moves by [sd]"]
     return Table(

@@ -14,22 +14,7 @@ from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, 
 def polynomial_terms(
     n_x: int = 4, n_y: int = 4, degree: int = 2, inputs: Sequence[str] = ("x",), outputs: Sequence[str] = ("y",)
 ) -> tuple[Term, ...]:
-    """Return every product of lagged signals up to a degree, with the constant.
-
-    Parameters
-    ----------
-    n_x, n_y : int
-        Largest lags of inputs and outputs.
-    degree : int
-        Largest degree.
-    inputs, outputs : sequence of str
-        Names of the signals.
-
-    Returns
-    -------
-    tuple of Term
-        The terms.
-    """
+    """Return every product of lagged signals up to a degree, with the constant."""
     factors = [f for s in inputs for f in _past(s, 0, n_x)] + [f for s in outputs for f in _past(s, 1, n_y)]
     products = itertools.chain.from_iterable(
         itertools.combinations_with_replacement(factors, d) for d in range(1, degree + 1)
@@ -40,40 +25,14 @@ def polynomial_terms(
 def absolute_terms(
     n_x: int = 4, n_y: int = 4, inputs: Sequence[str] = ("x",), outputs: Sequence[str] = ("y",)
 ) -> tuple[Term, ...]:
-    """Return x(t−k)^l |y(t−1)|^m and y(t−j)^l |y(t−1)|^m with l, m in {0, 1}, without the constant (thesis eqs. 3.27, 3.28).
-
-    Parameters
-    ----------
-    n_x, n_y : int
-        Largest lags of inputs and outputs.
-    inputs, outputs : sequence of str
-        Names of the signals.
-
-    Returns
-    -------
-    tuple of Term
-        The terms; for one input and one output with lags up to four the 19 of the thesis.
-    """
+    """Return x(t−k)^l |y(t−1)|^m and y(t−j)^l |y(t−1)|^m with l, m in {0, 1}, without the constant (thesis eqs. 3.27, 3.28)."""
     linear = [f for s in inputs for f in _past(s, 0, n_x)] + [f for s in outputs for f in _past(s, 1, n_y)]
     size = [f"|{s}(t-1)|" for s in outputs]
     return as_terms([*linear, *size, *(f"{f}*{a}" for a in size for f in linear)])
 
 
 def exponential_terms(n_x: int = 4, inputs: Sequence[str] = ("x",)) -> tuple[Term, ...]:
-    """Return x(t−k)² and exp(x(t−k)) (thesis eqs. 5.7, 5.8).
-
-    Parameters
-    ----------
-    n_x : int
-        Largest lag.
-    inputs : sequence of str
-        Names of the inputs.
-
-    Returns
-    -------
-    tuple of Term
-        The terms.
-    """
+    """Return x(t−k)² and exp(x(t−k)) (thesis eqs. 5.7, 5.8)."""
     factors = [f for s in inputs for f in _past(s, 0, n_x)]
     return as_terms([*(f"{f}^2" for f in factors), *(f"exp({f})" for f in factors)])
 
@@ -86,24 +45,7 @@ def prony_terms(
     inputs: Sequence[str] = ("x",),
     outputs: Sequence[str] = ("y",),
 ) -> tuple[Term, ...]:
-    """Return exponential and harmonic terms modelled on Prony's series (thesis eqs. 5.7 to 5.12).
-
-    Parameters
-    ----------
-    n_x, n_y : int
-        Largest lags.
-    phase : float
-        τ [rad].
-    growth : float
-        2 σ_max [1/s].
-    inputs, outputs : sequence of str
-        Names of the signals.
-
-    Returns
-    -------
-    tuple of Term
-        x^l, exp(x), y, x exp(y₁) |y|, y exp(t x) sin(2π y t + τ), x exp(2σt) cos(2πt + τ).
-    """
+    """Return exponential and harmonic terms modelled on Prony's series (thesis eqs. 5.7 to 5.12)."""
     terms = ["1"]
     for x in inputs:
         for now in _past(x, 0, n_x):
@@ -127,18 +69,6 @@ def hysteretic_terms(
 
     Each output is integrated until it is a displacement u, which drives a hysteresis z. The products with |u'| and |z| account
     for what happens within a step.
-
-    Parameters
-    ----------
-    outputs, inputs : sequence of str
-        Names of the signals.
-    integrations : sequence of int, optional
-        Number of integrations of each output: 0 for a displacement, 1 for a velocity (the default), 2 for an acceleration.
-
-    Returns
-    -------
-    tuple of tuple
-        The terms, and the memories they use.
     """
     orders = [1] * len(outputs) if integrations is None else list(integrations)
     terms: list[str] = [f for x in inputs for f in _past(x, 0, 3)]
@@ -162,18 +92,7 @@ def hysteretic_terms(
 def displacement_driven_terms(
     outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",)
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
-    """Return terms of a hysteretic spring whose displacement is imposed: the input drives the hysteresis.
-
-    Parameters
-    ----------
-    outputs, inputs : sequence of str
-        Names of the signals.
-
-    Returns
-    -------
-    tuple of tuple
-        The terms, and the memories they use.
-    """
+    """Return terms of a hysteretic spring whose displacement is imposed: the input drives the hysteresis."""
     terms: list[str] = []
     memories: list[str] = []
     for number, x in enumerate(inputs, 1):

@@ -16,38 +16,15 @@ from structid.ground_motion.excitation import Excitation
 
 @dataclass(frozen=True)
 class Signals:
-    """Names of the inputs and outputs of a NARX.
+    """Names of the inputs and outputs of a NARX."""
 
-    Parameters
-    ----------
-    inputs : tuple of str
-        Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several.
-    channels : tuple of str
-        Channels of the outputs.
-    kind : str
-        Kind of the excitations.
-    """
-
-    inputs: tuple[str, ...]
-    channels: tuple[str, ...]
-    kind: str = ""
+    inputs: tuple[str, ...]  # Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several
+    channels: tuple[str, ...]  # Channels of the outputs
+    kind: str = ""  # Kind of the excitations
 
     @classmethod
     def of(cls, excitation: Excitation, channels: Sequence[str]) -> Signals:
-        """Name the signals of an excitation and a response.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            One of the excitations.
-        channels : sequence of str
-            Channels of the response.
-
-        Returns
-        -------
-        Signals
-            The names.
-        """
+        """Name the signals of an excitation and a response."""
         count = excitation.values[:1].size
         return cls(_names("x", count), tuple(channels), excitation.kind)
 
@@ -64,51 +41,17 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Runs as a NARX uses them.
+    """Runs as a NARX uses them."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (run, time, input)
-        Inputs in SI; zero beyond the end of a shorter record.
-    y : ndarray, shape (run, time, output)
-        Outputs in SI; zero beyond the end of a shorter record.
-    counted : ndarray of bool, shape (run, time)
-        True for the samples that count: those of the record after the washout.
-    dt : float
-        Time step [s].
-    signals : Signals
-        Names of the signals.
-    """
-
-    x: Float[np.ndarray, "run time input"]
-    y: Float[np.ndarray, "run time output"]
-    counted: Bool[np.ndarray, "run time"]
-    dt: float
-    signals: Signals
+    x: Float[np.ndarray, "run time input"]  # Inputs in SI; zero beyond the end of a shorter record
+    y: Float[np.ndarray, "run time output"]  # Outputs in SI; zero beyond the end of a shorter record
+    counted: Bool[np.ndarray, "run time"]  # True for the samples that count: those of the record after the washout
+    dt: float  # Time step [s]
+    signals: Signals  # Names of the signals
 
     @classmethod
     def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
-        """Collect the arrays of runs.
-
-        Parameters
-        ----------
-        runs : Runs
-            Finished runs on one record or several.
-        dt : float
-            Their time step [s].
-        washout : float
-            Time at the start that does not count [s].
-
-        Returns
-        -------
-        Experiments
-            The arrays.
-
-        Raises
-        ------
-        InputError
-            If the washout leaves no sample of some run.
-        """
+        """Collect the arrays of runs."""
         used = [runs.records[i] for i in runs.record_of_run]
         samples = max(len(r) + r.dropped_samples for r in used)
         x = np.zeros((len(runs), samples, used[0].values[:1].size))
@@ -128,16 +71,5 @@ class Experiments:
 
 
 def input_signals(stages: Float[Array, "time 1 3 *motion"]) -> Float[Array, "time input"]:
-    """Return the samples of an excitation, with its lead-in, from the stages of an integration with one step for each sample.
-
-    Parameters
-    ----------
-    stages : array, shape (time, 1, 3) or (time, 1, 3, input)
-        `TracedExcitation.stages`.
-
-    Returns
-    -------
-    array, shape (time, input)
-        The samples.
-    """
+    """Return the samples of an excitation, with its lead-in, from the stages of an integration with one step for each sample."""
     return stages[:, 0, 0].reshape(stages.shape[0], -1)

@@ -19,16 +19,6 @@ def default_structure(signals: Signals) -> tuple[tuple[tuple[Term, ...], ...], t
 
     Velocities are integrated once and accelerations twice, so that the memory follows a displacement. If the excitation is an
     imposed displacement, the memory follows that.
-
-    Parameters
-    ----------
-    signals : Signals
-        The signals, with the kind of the excitation and the channels.
-
-    Returns
-    -------
-    tuple of tuple
-        Terms of each output, and memories.
     """
     if signals.kind == "displacement":
         terms, memories = displacement_driven_terms(signals.outputs, signals.inputs)
@@ -49,27 +39,7 @@ def structure_of(
     memories: Sequence[Memory | str],
     signals: Signals,
 ) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
-    """Return the terms of each output and the memories, as given or by default.
-
-    Parameters
-    ----------
-    given : sequence of Term or str, or mapping of str to such, optional
-        Terms of every output, or of each output by its channel; the default structure if left out.
-    memories : sequence of Memory or str
-        Memories that the given terms use.
-    signals : Signals
-        The signals they may use.
-
-    Returns
-    -------
-    tuple of tuple
-        Terms of each output, and memories.
-
-    Raises
-    ------
-    InputError
-        If an output has no terms, a term names an unknown signal, or memories are given without terms.
-    """
+    """Return the terms of each output and the memories, as given or by default."""
     if given is None:
         if memories:
             raise InputError(
@@ -97,22 +67,7 @@ def build_recursion(
     terms: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None,
     memories: Sequence[Memory | str],
 ) -> Recursion:
-    """Combine a structure with the scales of its signals.
-
-    Parameters
-    ----------
-    experiments : Experiments
-        The experiments that determine the scales.
-    terms : sequence of Term or str, or mapping of str to such, optional
-        Terms of every output, or of each output by its channel; the default structure if left out.
-    memories : sequence of Memory or str
-        Memories that the given terms use.
-
-    Returns
-    -------
-    Recursion
-        The structure.
-    """
+    """Combine a structure with the scales of its signals."""
     of_outputs, held = structure_of(terms, memories, experiments.signals)
     inputs, outputs = experiments.signals.inputs, experiments.signals.outputs
     signals = {x: experiments.x[:, :, i] for i, x in enumerate(inputs)}

@@ -32,30 +32,15 @@ class Recursion:
 
     The coefficients of one run are a vector: those of the terms of the first output, of the second, …, and then the shape
     parameters of the memories.
-
-    Parameters
-    ----------
-    terms : tuple of tuple of Term
-        Terms of each output.
-    memories : tuple of Memory
-        Memories, each made from an input, an output or an earlier memory.
-    inputs, outputs : tuple of str
-        Names of the signals.
-    dt : float
-        Time step [s].
-    scales : mapping of str to float
-        Scales by which inputs, outputs and integrals are divided.
-    initial : ndarray, shape (output,)
-        Scaled outputs at the first sample.
     """
 
-    terms: tuple[tuple[Term, ...], ...]
-    memories: tuple[Memory, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    dt: float
-    scales: Mapping[str, float]
-    initial: Float[np.ndarray, " output"]
+    terms: tuple[tuple[Term, ...], ...]  # Terms of each output
+    memories: tuple[Memory, ...]  # Memories, each made from an input, an output or an earlier memory
+    inputs: tuple[str, ...]  # Names of the signals
+    outputs: tuple[str, ...]  # Names of the signals
+    dt: float  # Time step [s]
+    scales: Mapping[str, float]  # Scales by which inputs, outputs and integrals are divided
+    initial: Float[np.ndarray, " output"]  # Scaled outputs at the first sample
 
     @cached_property
     def depth(self) -> dict[str, int]:
@@ -88,20 +73,7 @@ class Recursion:
     # --- one step -----------------------------------------------------------------------------------------------
 
     def values(self, state: State, row: Float[Array, "_ ..."]) -> dict[tuple[str, int], Any]:
-        """Collect every lagged signal at one time.
-
-        Parameters
-        ----------
-        state : State
-            What came before.
-        row : jax.Array, shape (input or more, ...)
-            The inputs now.
-
-        Returns
-        -------
-        dict of Lagged to array
-            The lagged signals that terms may use.
-        """
+        """Collect every lagged signal at one time."""
         known = {(name, 0): row[i] for i, name in enumerate(self.inputs)}
         for signal, past in state.items():
             known.update({(signal, k): value for k, value in enumerate(past, 1)})
@@ -110,22 +82,7 @@ class Recursion:
     def outputs_of(
         self, coefficients: Float[Array, "coefficient run"], values: Mapping[tuple[str, int], Any], time: Any
     ) -> list[Any]:
-        """Compute the outputs one step ahead.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ.
-        values : mapping
-            Lagged signals.
-        time : jax.Array
-            Time [s].
-
-        Returns
-        -------
-        list of jax.Array, shape (run,)
-            One for each output.
-        """
+        """Compute the outputs one step ahead."""
         found, start = [], 0
         for of_output in self.terms:
             found.append(sum(coefficients[start + i] * t.evaluate(values, time) for i, t in enumerate(of_output)))
@@ -139,24 +96,7 @@ class Recursion:
         row: Float[Array, "_ ..."],
         outputs: Sequence[Any],
     ) -> State:
-        """Add the inputs and outputs of one time to the state and update the memories.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ; only the shapes at its end are used.
-        state : State
-            The state before the step.
-        row : jax.Array, shape (input or more, ...)
-            The inputs now.
-        outputs : sequence of jax.Array, shape (run,)
-            The outputs now.
-
-        Returns
-        -------
-        State
-            The state after the step.
-        """
+        """Add the inputs and outputs of one time to the state and update the memories."""
         # An input may be the same for all runs, a state is one for each.
         now = {name: jnp.broadcast_to(row[i], outputs[0].shape) for i, name in enumerate(self.inputs)}
         now |= dict(zip(self.outputs, outputs, strict=True))
@@ -180,26 +120,7 @@ class Recursion:
         time: Any,
         bound: float,
     ) -> State:
-        """Simulate one step from the model's own past.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ.
-        state : State
-            The state before the step.
-        row : jax.Array, shape (input or more, ...)
-            The inputs now.
-        time : jax.Array
-            Time [s].
-        bound : float
-            Outputs are kept within ± this value, so that a run that diverges stays finite.
-
-        Returns
-        -------
-        State
-            The state after the step.
-        """
+        """Simulate one step from the model's own past."""
         found = self.outputs_of(coefficients, self.values(state, row), time)
         return self.advance(coefficients, state, row, [_bounded(y, bound) for y in found])
 
@@ -208,38 +129,14 @@ class Recursion:
         return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
 
     def at_rest(self, like: Float[Array, " run"], row: Float[Array, "_ ..."]) -> State:
-        """Return the state after the first sample: outputs at their initial values, all else zero before.
-
-        Parameters
-        ----------
-        like : jax.Array, shape (run,)
-            Any array with one value for each run.
-        row : jax.Array, shape (input or more, ...)
-            The inputs at the first sample.
-
-        Returns
-        -------
-        State
-            The state.
-        """
+        """Return the state after the first sample: outputs at their initial values, all else zero before."""
         zero = like * 0.0
         state = {x: (zero + row[i], *[zero] * (self.depth[x] - 1)) for i, x in enumerate(self.inputs)}
         state |= {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
         return state | {m.name: (zero,) * self.depth[m.name] for m in self.memories}
 
     def last(self, state: State) -> Float[Array, "output run"]:
-        """Latest outputs in a state.
-
-        Parameters
-        ----------
-        state : State
-            The state.
-
-        Returns
-        -------
-        jax.Array, shape (output, run)
-            Scaled.
-        """
+        """Latest outputs in a state."""
         return jnp.stack([state[y][0] for y in self.outputs])
 
     # --- many steps ---------------------------------------------------------------------------------------------
@@ -251,24 +148,7 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Give the loop that simulates from the past outputs of the model itself.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run.
-        signals : array, shape (time + 1, input or more) or (time + 1, input or more, run)
-            Scaled inputs, first of all. What a step from the last sample would need stands in the last row.
-        bound : float
-            Outputs are kept within ± this value.
-        unroll : int
-            Steps in one pass of the loop of XLA.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen are the scaled outputs (output, run).
-        """
+        """Give the loop that simulates from the past outputs of the model itself."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -286,26 +166,7 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Give the loop that starts again from the measured past at some samples.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run.
-        signals : jax.Array, shape (time + 1, input and output or more, run)
-            Scaled inputs and measured outputs, as in `free_loop`.
-        again : callable
-            Says of numbers of samples whether the next one is simulated from the measured past.
-        bound : float
-            Outputs are kept within ± this value.
-        unroll : int
-            Steps in one pass of the loop of XLA.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen are the scaled outputs (output, run).
-        """
+        """Give the loop that starts again from the measured past at some samples."""
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
             (state, measured), (row, time, starts) = carried, at
@@ -322,20 +183,7 @@ class Recursion:
     def one_step_loop(
         self, coefficients: Float[Array, "coefficient run"], signals: Float[Array, "_ _ run"]
     ) -> TimeLoop:
-        """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run; only the shapes of the memories, at its end, are used.
-        signals : jax.Array, shape (time + 1, input and output or more, run)
-            Scaled inputs and measured outputs, as in `free_loop`.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen, beginning at the second sample, are the terms of all outputs (term, run).
-        """
+        """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -348,18 +196,7 @@ class Recursion:
         return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite)
 
     def measured_outputs(self, row: Float[Array, "_ run"]) -> list[Any]:
-        """Measured outputs in a row of inputs and outputs.
-
-        Parameters
-        ----------
-        row : jax.Array, shape (input and output or more, run)
-            The row.
-
-        Returns
-        -------
-        list of jax.Array, shape (run,)
-            One for each output.
-        """
+        """Measured outputs in a row of inputs and outputs."""
         return [row[len(self.inputs) + i] for i in range(len(self.outputs))]
 
     def _from_measured(self, like: Any, row: Any) -> State:

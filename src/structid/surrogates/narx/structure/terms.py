@@ -179,57 +179,20 @@ class Memory:
 
 
 def as_terms(given: Iterable[Term | str] | Term | str) -> tuple[Term, ...]:
-    """Return terms; texts are read.
-
-    Parameters
-    ----------
-    given : iterable of Term or str, or one
-        Terms, or a single one.
-
-    Returns
-    -------
-    tuple of Term
-        The terms in order, without repetitions.
-    """
+    """Return terms; texts are read."""
     listed = [given] if isinstance(given, (str, Term)) else given
     return tuple(dict.fromkeys(t if isinstance(t, Term) else Term(t) for t in listed))
 
 
 def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:
-    """Return memories; texts are read.
-
-    Parameters
-    ----------
-    given : iterable of Memory or str
-        Memories.
-
-    Returns
-    -------
-    tuple of Memory
-        The memories in order.
-    """
+    """Return memories; texts are read."""
     return tuple(m if isinstance(m, Memory) else Memory.parse(m) for m in given)
 
 
 def check_signals(
     terms: Sequence[Term], memories: Sequence[Memory], inputs: Sequence[str], outputs: Sequence[str]
 ) -> None:
-    """Check that every signal of a structure exists, and that outputs and memories are used with a lag.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-        The terms.
-    memories : sequence of Memory
-        The memories.
-    inputs, outputs : sequence of str
-        Names of the signals.
-
-    Raises
-    ------
-    InputError
-        If a signal is unknown, a memory has the name of another signal, or an output or memory is used without a lag.
-    """
+    """Check that every signal of a structure exists, and that outputs and memories are used with a lag."""
     known = [*inputs, *outputs]
     for memory in memories:
         if memory.of not in known or memory.name in known:

@@ -22,19 +22,7 @@ LARGEST_ERROR = 1e6
 
 
 class FreeRun:
-    """Compiled runs of a recursion over a training set.
-
-    Parameters
-    ----------
-    recursion : Recursion
-        The structure.
-    bound : float
-        Outputs are kept within ± this value.
-    horizon : int, optional
-        Number of samples after which the run starts again from the measured past; if left out, it never does.
-    known : int
-        Number of measured samples at the beginning, after which the run is free.
-    """
+    """Compiled runs of a recursion over a training set."""
 
     def __init__(self, recursion: Recursion, bound: float, horizon: int | None = None, known: int = 0) -> None:
         self.recursion, self.bound, self.horizon, self.known = recursion, bound, horizon, known
@@ -103,79 +91,27 @@ class FreeRun:
     def outputs(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> Float[np.ndarray, "run time output"]:
-        """Compute the scaled outputs of every run.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (run, coefficient)
-            ϑ of every run.
-        data : TrainingSet
-            The experiments.
-
-        Returns
-        -------
-        ndarray, shape (run, time, output)
-            Outputs, kept within ± the bound.
-        """
+        """Compute the scaled outputs of every run."""
         return np.asarray(np.moveaxis(self._compiled_outputs(coefficients, signals=data.signals), 2, 0))
 
     def errors(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> Float[np.ndarray, "run output"]:
-        """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65).
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (run, coefficient)
-            ϑ of every run.
-        data : TrainingSet
-            The experiments.
-
-        Returns
-        -------
-        ndarray, shape (run, output)
-            Errors; `LARGEST_ERROR` where the run is not finite.
-        """
+        """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65)."""
         found = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
         return np.minimum(np.where(np.isfinite(found), found, LARGEST_ERROR), LARGEST_ERROR)
 
     def normal_equations(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute JᵀJ and Jᵀr of the free run, relative to Σ(y − ȳ)² of each run and output.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (run, coefficient)
-            ϑ of every run.
-        data : TrainingSet
-            The experiments.
-
-        Returns
-        -------
-        tuple of ndarray
-            (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
-        """
+        """Compute JᵀJ and Jᵀr of the free run, relative to Σ(y − ȳ)² of each run and output."""
         square, inner = self._compiled_normal(coefficients, signals=data.signals)
         return _relative(_symmetric(square), _runs_first(inner), data.spread)
 
     def regression_equations(
         self, shapes: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output.
-
-        Parameters
-        ----------
-        shapes : ndarray, shape (run, coefficient)
-            Coefficient vectors; only the shapes of the memories, at their end, are used.
-        data : TrainingSet
-            The experiments.
-
-        Returns
-        -------
-        tuple of ndarray
-            (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
-        """
+        """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output."""
         size, outputs = self.recursion.size, len(self.recursion.outputs)
         square, inner = np.zeros((len(shapes), outputs, size, size)), np.zeros((len(shapes), outputs, size))
         start = 0
@@ -228,20 +164,5 @@ def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tupl
 def robust_loss(
     errors: Float[np.ndarray, "run output"], scale: float, weights: Float[np.ndarray, " run"] | None = None
 ) -> float:
-    """Compute the mean of log(1 + ε/s): runs that diverge do not dominate it.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (run, output)
-        Relative errors.
-    scale : float
-        s.
-    weights : ndarray, shape (run,), optional
-        Weight of each run.
-
-    Returns
-    -------
-    float
-        The loss.
-    """
+    """Compute the mean of log(1 + ε/s): runs that diverge do not dominate it."""
     return float(np.average(np.log1p(errors / scale).mean(axis=1), weights=weights))

@@ -27,17 +27,10 @@ SMALLEST_GAIN = 1e-3
 
 @dataclass
 class Trained:
-    """Trained coefficients and the history of their training.
+    """Trained coefficients and the history of their training."""
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (coefficient, feature)
-        A.
-    history : list of dict
-        For each step its loss, and the mean and largest error over the training runs and over the held-out runs.
-    """
-
-    coefficients: Float[np.ndarray, "coefficient feature"]
+    coefficients: Float[np.ndarray, "coefficient feature"]  # A
+    # For each step its loss, and the mean and largest error over the training runs and over the held-out runs
     history: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -55,30 +48,6 @@ def train_free_run(
 
     A step is accepted only if the loss falls; otherwise the damping is raised. No step can therefore make a good model diverge.
     The coefficients that did best on the held-out runs are kept.
-
-    Parameters
-    ----------
-    runs : FreeRun
-        Compiled runs.
-    start : ndarray, shape (coefficient, feature)
-        A to start from.
-    features : ndarray, shape (run, feature)
-        ψ of the training runs.
-    data : TrainingSet
-        The training runs.
-    held_out : tuple of ndarray and TrainingSet, optional
-        ψ and data of runs that decide which coefficients are kept; the training runs decide if left out.
-    steps : int
-        Largest number of steps.
-    scale : float
-        Scale s of the loss; see `robust_loss`.
-    progress : callable, optional
-        Called with the number of finished steps and the largest number.
-
-    Returns
-    -------
-    Trained
-        The best coefficients.
     """
     current, damping = start, 1e-3
     errors = runs.errors(features @ current.T, data)
@@ -140,24 +109,6 @@ def refined_coefficients(
 
     The standard deviation of the prior is a tenth of that of the given coefficients over the runs. The noise is the error that
     the given coefficients leave.
-
-    Parameters
-    ----------
-    runs : FreeRun
-        Compiled runs.
-    start : ndarray, shape (run, coefficient)
-        Mean of the prior, and where the search starts.
-    data : TrainingSet
-        The runs.
-    steps : int
-        Gauss–Newton steps; a run keeps one only if its error falls.
-    progress : callable, optional
-        Called with the number of finished steps and the total.
-
-    Returns
-    -------
-    ndarray, shape (run, coefficient)
-        ϑ of every run.
     """
     deviation = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
     current = start

@@ -35,24 +35,6 @@ def joint_solution(
     """Solve the joint normal equations, scaled to a unit diagonal, with a ridge.
 
     Σ_k w_k (G_k ⊗ ψ_kψ_kᵀ) vec A = Σ_k w_k (g_k ⊗ ψ_k), where G_k is ΦᵀΦ of the one-step regression or JᵀJ of a Gauss–Newton step.
-
-    Parameters
-    ----------
-    square : ndarray, shape (run, coefficient, coefficient)
-        G_k of each run: ΦᵀΦ or JᵀJ.
-    inner : ndarray, shape (run, coefficient)
-        g_k of each run: Φᵀy or Jᵀr.
-    features : ndarray, shape (run, feature)
-        ψ_k.
-    weights : ndarray, shape (run,)
-        w_k.
-    ridge : float
-        Value added to the unit diagonal.
-
-    Returns
-    -------
-    ndarray, shape (coefficient, feature)
-        A, or ΔA of a Gauss–Newton step.
     """
     size, width = square.shape[1], features.shape[1]
     # Σ_k w_k G_k ⊗ ψ_kψ_kᵀ as one product of matrices.
@@ -73,26 +55,7 @@ def first_coefficients(
     ridges: Sequence[float] = RIDGES,
     progress: Progress | None = None,
 ) -> Float[np.ndarray, "coefficient feature"]:
-    """Fit A by joint one-step regression; free runs of some experiments choose the shapes of the hystereses and the ridge.
-
-    Parameters
-    ----------
-    runs : FreeRun
-        Compiled runs.
-    features : ndarray, shape (run, feature)
-        ψ of the experiments.
-    data : TrainingSet
-        The experiments.
-    ridges : sequence of float
-        Ridges to try.
-    progress : callable, optional
-        Called with the number of finished trials and the total.
-
-    Returns
-    -------
-    ndarray, shape (coefficient, feature)
-        The best A; the shapes do not depend on the parameters.
-    """
+    """Fit A by joint one-step regression; free runs of some experiments choose the shapes of the hystereses and the ridge."""
     recursion = runs.recursion
     tried = spread_rows(data.weights, TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
@@ -113,20 +76,7 @@ def first_coefficients(
 
 
 def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " coefficient"]:
-    """Return a coefficient vector with nothing but shapes: b as given and g zero.
-
-    Parameters
-    ----------
-    recursion : Recursion
-        The structure.
-    shape : float
-        b of every hysteresis.
-
-    Returns
-    -------
-    ndarray, shape (coefficient,)
-        The vector.
-    """
+    """Return a coefficient vector with nothing but shapes: b as given and g zero."""
     vector = np.zeros(recursion.size)
     vector[recursion.linear_size :: 2] = shape
     return vector
@@ -135,22 +85,7 @@ def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " c
 def per_experiment_solution(
     recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: Float[np.ndarray, " coefficient"]
 ) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the coefficients of every experiment on its own by ordinary least squares (thesis eq. 2.62).
-
-    Parameters
-    ----------
-    recursion : Recursion
-        The structure.
-    square, inner : ndarray
-        One-step normal equations of each run and output.
-    vector : ndarray, shape (coefficient,)
-        Coefficient vector whose shapes are kept.
-
-    Returns
-    -------
-    ndarray, shape (run, coefficient)
-        ϑ of every run.
-    """
+    """Fit the coefficients of every experiment on its own by ordinary least squares (thesis eq. 2.62)."""
     found = np.tile(vector, (len(square), 1))
     start = 0
     for output, terms in enumerate(recursion.terms):
@@ -161,20 +96,7 @@ def per_experiment_solution(
 
 
 def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin.
-
-    Parameters
-    ----------
-    runs : FreeRun
-        Compiled runs of the structure.
-    data : TrainingSet
-        The experiments.
-
-    Returns
-    -------
-    ndarray, shape (run, coefficient)
-        ϑ of every run.
-    """
+    """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin."""
     vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
     equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
     return per_experiment_solution(runs.recursion, *equations, vector)
@@ -183,20 +105,7 @@ def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray,
 def batched_solution(
     gram: Float[np.ndarray, "run term term"], covariance: Float[np.ndarray, "run term"]
 ) -> Float[np.ndarray, "run term"]:
-    """Solve many small normal equations, scaled to a unit diagonal, with a ridge at the level of rounding.
-
-    Parameters
-    ----------
-    gram : ndarray, shape (run, term, term)
-        ΦᵀΦ of each run.
-    covariance : ndarray, shape (run, term)
-        Φᵀy of each run.
-
-    Returns
-    -------
-    ndarray, shape (run, term)
-        The solutions.
-    """
+    """Solve many small normal equations, scaled to a unit diagonal, with a ridge at the level of rounding."""
     scale = np.sqrt(np.maximum(np.einsum("rii->ri", gram), 1e-300))
     standard = gram / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(gram.shape[1])
     return np.asarray(np.linalg.solve(standard, (covariance / scale)[:, :, None])[:, :, 0] / scale)

@@ -31,24 +31,6 @@ def select_terms(
 
     Each experiment orders the terms by its own one-step regression and so proposes nested sets of them. Each proposed set is
     refitted to every experiment by ordinary least squares and run freely there. The set with the smallest robust loss is kept.
-
-    Parameters
-    ----------
-    runs : FreeRun
-        Compiled runs of the full structure.
-    data : TrainingSet
-        The experiments.
-    method : {"lars", "orthogonal"}
-        How each experiment orders the terms: by least angle regression or by orthogonal least squares.
-    most : int, optional
-        Largest number of terms of an output.
-    progress : callable, optional
-        Called with the number of finished outputs and the total.
-
-    Returns
-    -------
-    Recursion
-        The structure with the chosen terms.
     """
     recursion = runs.recursion
     some = data[spread_rows(data.weights, TRIED_RUNS)]

@@ -18,24 +18,12 @@ from structid.surrogates.narx.structure.recursion import Recursion
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """Experiments in scaled signals.
+    """Experiments in scaled signals."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (run, time, input)
-        Inputs.
-    y : ndarray, shape (run, time, output)
-        Outputs.
-    counted : ndarray of bool, shape (run, time)
-        True for the samples that count: none beyond the end of a shorter record.
-    weights : ndarray, shape (run,)
-        Weight of the error of each run.
-    """
-
-    x: Float[np.ndarray, "run time input"]
-    y: Float[np.ndarray, "run time output"]
-    counted: Bool[np.ndarray, "run time"]
-    weights: Float[np.ndarray, " run"]
+    x: Float[np.ndarray, "run time input"]  # Inputs
+    y: Float[np.ndarray, "run time output"]  # Outputs
+    counted: Bool[np.ndarray, "run time"]  # True for the samples that count: none beyond the end of a shorter record
+    weights: Float[np.ndarray, " run"]  # Weight of the error of each run
 
     def __len__(self) -> int:
         return len(self.x)
@@ -44,13 +32,7 @@ class TrainingSet:
         return TrainingSet(self.x[rows], self.y[rows], self.counted[rows], self.weights[rows])
 
     def alike(self) -> TrainingSet:
-        """Give all runs the same weight.
-
-        Returns
-        -------
-        TrainingSet
-            The same runs, each with weight one.
-        """
+        """Give all runs the same weight."""
         return replace(self, weights=np.ones(len(self)))
 
     @cached_property
@@ -74,40 +56,14 @@ class TrainingSet:
 
 
 def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
-    """Scale the signals of experiments.
-
-    Parameters
-    ----------
-    experiments : Experiments
-        Experiments in SI.
-    recursion : Recursion
-        The structure with the scales.
-
-    Returns
-    -------
-    TrainingSet
-        Scaled experiments, each with weight one.
-    """
+    """Scale the signals of experiments."""
     x = experiments.x / np.array([recursion.scales[name] for name in recursion.inputs])
     y = experiments.y / np.array([recursion.scales[name] for name in recursion.outputs])
     return TrainingSet(x, y, experiments.counted, np.ones(len(x)))
 
 
 def spread_rows(weights: Float[np.ndarray, " row"], most: int) -> np.ndarray:
-    """Choose rows that are spread over all rows, more densely where the weights are larger.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (row,)
-        Weight of each row.
-    most : int
-        Largest number of rows.
-
-    Returns
-    -------
-    ndarray of int
-        Rising positions; fewer than `most` where few rows have most of the weight.
-    """
+    """Choose rows that are spread over all rows, more densely where the weights are larger."""
     if len(weights) <= most:
         return np.arange(len(weights))
     reached = np.cumsum(weights) / np.sum(weights)
