@@ -1,4 +1,4 @@
-"""Response histories of many runs, and what became of each run."""
+"""Response histories of many runs, and the status of each run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured: the record that drove the structure, the values, the instrument's nuisances."""
+"""Measured responses: the excitation, the values, the instrument's nuisance parameters."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from structid.ground_motion.readers import read_columns
 from structid.probability.truncation import Marginal
 
 NUISANCES = ("gain", "offset", "time_shift")
-"""What an instrument may add of its own."""
+"""Nuisance parameters of an instrument."""
 KNOWN_NUISANCES = {
     "gain": "A known gain is divided out of the values: -values, where a sensor points the other way.",
     "offset": "A known offset is subtracted from the values.",
     "time_shift": "A known shift is given to Observation.read, which moves the values.",
 }
-"""What to do with a nuisance that is known."""
+"""What to do where a nuisance parameter is known."""
 
 
 SAME_STEP = 1e-6
-"""Relative difference of two time steps that are the same."""
+"""Relative difference below which two time steps are equal."""
 
 ROUNDED = 5e-4
-"""Of the peak: measurements that differ by less are one and the same."""
+"""Difference relative to the peak below which two measurements are the same."""
 
 
 @check_arguments
@@ -164,7 +164,7 @@ class Observation:
         return f"<{self}>"
 
     def _cure(self, samples: int) -> str:
-        """What to do where the measurement has another number of samples than the record."""
+        """Advice where measurement and record differ in length."""
         record = self.record
         if self.dt is not None and abs(self.dt / record.dt - 1.0) > SAME_STEP:
             return (
@@ -247,10 +247,12 @@ class Observation:
                 f'"{start:g} s").',
             )
         units = {} if standard_unit(channel).si else {channel: unit}
-        known = values[:, 1] if others else sd
+        known_sds = values[:, 1] if others else sd
         clock = 0.0 if prior is None or known_shift is None else known_shift
         nuisances |= {} if prior is None else {"time_shift": prior}
-        return cls(record, values[:, 0], (channel,), step, str(path), units=units, sd=known, clock=clock, **nuisances)
+        return cls(
+            record, values[:, 0], (channel,), step, str(path), units=units, sd=known_sds, clock=clock, **nuisances
+        )
 
     def channel_unit(self, channel: str) -> ChannelUnit:
         """Units of a channel: as declared, or as its standard name defines them.
@@ -269,7 +271,7 @@ class Observation:
 
     @property
     def si_units(self) -> tuple[str, ...]:
-        """SI unit of each channel, empty where the dimension is not known."""
+        """SI unit of each channel; empty where the dimension is unknown."""
         return tuple(self.channel_unit(channel).si for channel in self.channels)
 
     def check_new(self, others: Sequence[Observation]) -> None:
@@ -316,12 +318,12 @@ class Observation:
 
     @property
     def log_sds(self) -> np.ndarray:
-        """Logs of the known standard deviations, shape (time, channel); zeros where there are none."""
+        """Logarithms of the known standard deviations, shape (time, channel); zeros where there are none."""
         return np.zeros(self.values.shape) if self.sd is None else np.log(self.sd)
 
     @property
     def error_units(self) -> tuple[str, ...]:
-        """SI unit of what the law of the errors describes, for each channel: none where it is ε/sd."""
+        """SI unit of the errors, for each channel; none where they are relative to known standard deviations."""
         return self.si_units if self.sd is None else ("",) * len(self.channels)
 
     def nuisances(self) -> dict[str, Marginal]:
@@ -386,15 +388,15 @@ class Observation:
 
 
 def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.ndarray, where: str) -> np.ndarray:
-    """Columns at the record's samples, from columns whose first line is at some time of the record."""
+    """Interpolate columns to the record's samples, given the time of their first line."""
     if abs(dt / record.dt - 1.0) > SAME_STEP:
         return values  # refused with its reason where the observation is made
-    first, last, wanted = start, start + dt * (len(values) - 1), record.dt * (len(record) - 1)
-    if first > 1e-3 * dt or last < wanted - 1e-3 * dt:
+    first, last, last_sample = start, start + dt * (len(values) - 1), record.dt * (len(record) - 1)
+    if first > 1e-3 * dt or last < last_sample - 1e-3 * dt:
         raise InputError(
             where,
             f"a history from {first:.6g} to {last:.6g} s of the record's time, after time_shift",
-            f"one that covers the record, from 0 to {wanted:.6g} s",
+            f"one that covers the record, from 0 to {last_sample:.6g} s",
             "Check the sign: time_shift is what the history's clock shows when the record begins. Or trim the record.",
         )
     behind = -start / dt
@@ -405,7 +407,7 @@ def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.nda
 
 
 def _checked_sd(given: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
-    """Known standard deviations, one for each value."""
+    """Known standard deviations, one per value."""
     sd = np.array(given, dtype=np.float64)
     sd = sd[:, None] if sd.ndim == 1 else sd
     try:
@@ -427,7 +429,7 @@ def _checked_sd(given: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
 
 
 def _shifted(response: Any, samples: Any) -> Any:
-    """M(t − τ) by cubic (Catmull-Rom) interpolation; the ends are held."""
+    """M(t − τ) by cubic (Catmull-Rom) interpolation; constant beyond the ends."""
     last = response.shape[0] - 1
     position = jnp.arange(response.shape[0])[:, None] - samples[None, :]
     base = jnp.floor(position)

@@ -1,1 +1,1 @@
-"""Calibration of an expensive model: surrogate, posterior, true runs where the posterior is, until a certificate holds."""
+"""Calibration of an expensive model: surrogate, posterior, model runs where the posterior is, until a certificate holds."""

@@ -1,7 +1,7 @@
-"""Runs of another version of the model, with which a stored calibration begins anew.
+"""Adoption of another version's runs by a stored calibration, which restarts with them.
 
-Somebody mends a solver and knows that its finished runs are right. What was concluded from them belongs to the old version: rounds,
-surrogates, draws. The runs themselves are kept, and are the first design of the new version's calibration.
+A user fixes a solver and knows that its completed runs are right. Conclusions from them belong to the old version: rounds,
+surrogates, draws. The runs themselves are kept, and become the first design of the new version's calibration.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from structid.core.errors import StoreMismatchError
 from structid.core.journal import write_then_rename
 
 FIRST_DESIGN = "first_design.npy"
-"""Points that a calibration begins with, where these are not the planned ones."""
+"""Points with which a calibration begins, where these are not the planned ones."""
 
 
 def first_design(
     folder: Path | None, planned: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, "point parameter"]:
-    """Give the points that a calibration begins with."""
+    """Points with which a calibration begins."""
     if folder is None or not (folder / FIRST_DESIGN).is_file():
         return planned
     return np.asarray(np.load(folder / FIRST_DESIGN))
 
 
 def take_over(true: TrueRuns) -> None:
-    """Let a stored calibration begin anew with its runs, whatever version of the model they are of."""
+    """Restart a stored calibration with its runs, whatever version of the model made them."""
     folder = true.folder
     if folder is None or not _of_another_model(true):
         return

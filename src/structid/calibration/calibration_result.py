@@ -1,4 +1,4 @@
-"""What a calibration returns: draws, certificate, rounds, true runs."""
+"""The result of a calibration: draws, certificate, rounds, model runs."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from structid.inference.sampling_result import THINNED_DRAWS, SamplingResult
 from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
-"""Spread of the log weights of a round's own draws, and the surrogate's own of the log density, that promise a certificate."""
+"""Spread of the log weights of a round's draws, and surrogate error of the log density, that promise a certificate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
     """One round of a calibration."""
 
-    number: int  # From 0
-    training: int  # Points the surrogate was fitted to
-    error: float  # Mean relative error of the surrogate, by its own estimate
-    fresh: int  # Fresh draws of its posterior at which the true model was run
-    others: int  # Further true runs
+    number: int  # index
+    training: int  # number of points the surrogate was fitted to
+    error: float  # mean relative error of the surrogate, by its own estimate
+    fresh: int  # number of fresh draws of its posterior at which the model was run
+    others: int  # number of further model runs
     # Of the likelihood, up to which the surrogate was sure of its posterior; 1 for the posterior itself
     exponent: float
     # Standard deviation of the log density over the surrogate's own error, where the posterior is [nat]
@@ -45,8 +45,8 @@ class Round:
     # Standard deviation of the log weights of the fresh draws; infinite where a true run failed, or where there are
     # none
     spread: float
-    failed: int  # Fresh draws whose true run failed
-    certificate: Certificate | None  # The certificate, if the round ended with one
+    failed: int  # number of fresh draws with a failed model run
+    certificate: Certificate | None  # the certificate, if the round ended with one
     # log π_true/π_surrogate of the fresh draws, −∞ where the true run failed
     log_weights: Float[np.ndarray, " draw"] = field(repr=False)
     # What each fresh draw counts in an average over the surrogate's posterior
@@ -56,23 +56,23 @@ class Round:
 
     @property
     def promising(self) -> bool:
-        """Whether a certificate is worth its true runs: the round's own plain draws say so."""
+        """Whether a certificate is worth its model runs, by the round's own plain draws."""
         judged_before_they_train = self.certificate is None and self.fresh > 0 and self.failed == 0
         return judged_before_they_train and self.spread <= PROMISING and self.deviation <= PROMISING
 
     @property
     def to_be_judged_again(self) -> bool:
-        """Whether its certificate was refused: its draws can judge the surrogate that has learnt from them."""
+        """Whether its certificate was refused, so that its draws can assess the next surrogate."""
         return self.certificate is not None and not self.certificate.certified and not self.again
 
     def __str__(self) -> str:
-        told = f"round {self.number + 1}: surrogate of {self.training} runs, "
+        text = f"round {self.number + 1}: surrogate of {self.training} runs, "
         if self.fresh:
             which = "the same draws, each left out in turn" if self.again else "fresh draws of its posterior"
-            told += f"the model's log density is {self.spread:.2g} nats (sd) off its own at {self.fresh} {which}"
+            text += f"the model's log density is {self.spread:.2g} nats (sd) off its own at {self.fresh} {which}"
         else:
-            told += f"not yet sure of its posterior (of the likelihood to the power of {self.exponent:.2g})"
-        return told + (f": {self.certificate.agreement}" if self.certificate is not None else "")
+            text += f"not yet sure of its posterior (of the likelihood to the power of {self.exponent:.2g})"
+        return text + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,28 +115,28 @@ class CalibrationResult(ShownAsText):
 
     @property
     def training_runs(self) -> int:
-        """Points the last surrogate was fitted to."""
+        """Number of points the last surrogate was fitted to."""
         return self.rounds[-1].training
 
     @property
     def depth(self) -> int:
-        """Rounds of true runs that had to wait for one another, the first design left out."""
+        """Number of successive rounds of model runs, without the first design."""
         return sum(not r.again for r in self.rounds)
 
     @property
     def enough_to_go_on(self) -> int:
-        """Smallest budget of true runs with which a refused calibration continues: enough for one more round with a certificate."""
+        """Smallest budget with which a refused calibration continues: enough for one more round with a certificate."""
         last = self.rounds[-1]
         return self.certificate.true_runs + last.fresh + last.others
 
     @property
     def exact(self) -> bool:
-        """Whether the draws are of the model's own posterior, whatever the certificate says of the surrogate's."""
+        """Whether the draws are of the model's own posterior, whatever the certificate of the surrogate's."""
         return self.sampling.cost is not None
 
     @property
     def certified(self) -> bool:
-        """Whether true runs certify that the surrogate's posterior is the model's."""
+        """Whether model runs certify the surrogate's posterior."""
         return self.certificate.certified
 
     @property
@@ -175,12 +175,12 @@ class CalibrationResult(ShownAsText):
 
     @property
     def trusted(self) -> bool:
-        """Whether the numbers may be believed: certified, or draws of the model itself that have converged."""
+        """Whether the numbers may be believed: certified, or converged draws of the model itself."""
         return self.verdict().converged if self.exact else self.certified
 
     @property
     def reweighted(self) -> bool:
-        """Whether moments and quantiles are those of the certificate's weighted draws and not of the sampler's."""
+        """Whether moments and quantiles come from the certificate's weighted draws instead of the sampler's."""
         return self.certificate.verdict == "usable with re-weighting" and not self.exact
 
     @property
@@ -238,9 +238,9 @@ class CalibrationResult(ShownAsText):
 
     @property
     def log_evidence(self) -> Evidence | None:
-        """Log Z of the true model, where the sampler knows that of the surrogate."""
-        found = self.sampling.log_evidence
-        return None if found is None else self.corrected(found)
+        """Log Z of the model, where the sampler estimates that of the surrogate."""
+        evidence = self.sampling.log_evidence
+        return None if evidence is None else self.corrected(evidence)
 
     @check_arguments
     def predict(

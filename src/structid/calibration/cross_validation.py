@@ -1,10 +1,10 @@
-"""A second look for nothing: the draws of a refused certificate train the next surrogate, and judge it, each left out in turn.
+"""Cross-validation of a surrogate by the draws of a refused certificate, which costs no model run.
 
-A surrogate is fitted to all runs but some of these draws, and asked for the log density at those. It has not seen them, as a
-certificate demands. Its posterior q₍₎ differs a little from q, that of the surrogate which is fitted to all; by how much is
-known without a run of the model. With log π/q = log π/q₍₎ + log q₍₎/q, the variation of π/q is at most the sum of both, to
-first order. That holds for every group that is left out, and so for averages over the groups: with the root of the mean square
-of the variations of π/q₍₎, which all draws together estimate, and the mean of those of q₍₎/q.
+The draws train the next surrogate, and assess it in groups, each left out in turn. A surrogate is fitted to all runs except one
+group of draws, and evaluated at these, which it has not seen, as a certificate requires. Its posterior q₍₎ differs slightly from
+that of the surrogate fitted to all, q; the difference is known without a model run. With log π/q = log π/q₍₎ + log q₍₎/q, the
+variation of π/q is at most the sum of both, to first order. This holds for every group, and so for averages over the groups: the
+root mean square of the variations of π/q₍₎, which all draws together estimate, and the mean of those of q₍₎/q.
 """
 
 from __future__ import annotations
@@ -24,26 +24,28 @@ COMPARED = 1000
 """Draws at which the posteriors of two surrogates are compared."""
 
 Left = Callable[[np.ndarray], Posterior]
-"""The posterior of a surrogate that was fitted to all runs but some of the draws, given by their places."""
+"""Returns the posterior of a surrogate fitted to all runs except some draws, given by their indices."""
 
 
 def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without: Left) -> tuple[Batch, Beside]:
-    """Let the draws of a refused certificate judge the surrogate that they have trained."""
+    """Assess a surrogate by the draws of a refused certificate that have trained it."""
     some = drawn.thinned(COMPARED)
     of_all = under.log_density(some)
     log_surrogate = np.empty(len(last.fresh))
-    beside: list[Beside] = []
+    differences: list[Beside] = []
     for first in range(FOLDS):
         places = np.arange(first, len(last.fresh), FOLDS)
         left = without(places)
         scale, apart = density_difference(left.log_density(some) - of_all, under.compared(some))
-        beside.append(apart)
+        differences.append(apart)
         log_surrogate[places] = left.log_density(last.fresh[places]) - scale
-    moved = under.log_density(last.fresh) - last.log_surrogate  # from the old surrogate's posterior to the new one's
-    shares = last.shares * np.exp(moved - moved.max())
+    log_change = (
+        under.log_density(last.fresh) - last.log_surrogate
+    )  # from the old surrogate's posterior to the new one's
+    shares = last.shares * np.exp(log_change - log_change.max())
     highest = float(drawn.log_density[drawn.discarded :].max())
     none = np.empty((0, last.others.shape[1]))
-    judged = replace(
+    batch = replace(
         last,
         log_surrogate=log_surrogate,
         shares=shares,
@@ -51,4 +53,4 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
         population=drawn.thinned(POPULATION),
         highest=highest,
     )
-    return judged, Beside.average(beside)
+    return batch, Beside.average(differences)

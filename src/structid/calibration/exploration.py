@@ -1,4 +1,4 @@
-"""A surrogate's posterior, explored from the prior by degrees, and how far down the way the surrogate is sure of it."""
+"""Exploration of a surrogate's posterior by tempering, and the exponent up to which the surrogate is certain."""
 
 from __future__ import annotations
 
@@ -16,47 +16,50 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.surrogates.base import Surrogate
 
 SAMPLED_RESPONSES = 8
-"""Responses that the surrogate's own error is drawn for at each point, to see how much the log density varies."""
+"""Responses drawn from the surrogate error at each point, for the variance of the log density."""
 
 PARTICLES_ASKED = 64
-"""Particles of a stage at which that is done."""
+"""Particles of a tempering step at which that is evaluated."""
 
 SMALLEST_EXPONENT = 1e-300
-"""Of a likelihood, where exponents are compared by their logarithms: the prior's is 0."""
+"""Exponent of the prior where exponents are compared by their logarithms."""
 
 LARGEST_VARIANCE = 1.0
-"""Of a tempered log density, by the surrogate's own error: beyond it, draws of it are draws of the error."""
+"""Variance of a tempered log density over the surrogate error above which draws of it reflect mostly that error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """Stages of a tempered sampler on a surrogate's posterior."""
+    """Tempering steps of a sampler on a surrogate's posterior."""
 
-    posterior: Posterior  # Under the surrogate
-    surrogate: Surrogate  # Its model
+    posterior: Posterior  # under the surrogate
+    surrogate: Surrogate  # its model
     # All blocks of the sampler: stages with rising exponent of the likelihood, then moves of the posterior
     blocks: Sequence[Block]
 
     @cached_property
     def exponents(self) -> np.ndarray:
-        """Of the likelihood in every block, shape (block,)."""
+        """Exponent of the likelihood in every block, shape (block,)."""
         return np.array([block["exponent"][-1] for block in self.blocks])
 
     def nearest(self, exponent: float) -> int:
-        """The block whose exponent is nearest to another, by their logarithms."""
-        known, asked = np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)), np.log(max(exponent, SMALLEST_EXPONENT))
-        return int(np.argmin(np.abs(known - asked)))
+        """The block with the closest exponent, by logarithms."""
+        log_exponents, log_target = (
+            np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)),
+            np.log(max(exponent, SMALLEST_EXPONENT)),
+        )
+        return int(np.argmin(np.abs(log_exponents - log_target)))
 
     def particles(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
-        """Where the particles are at the end of a block, in unconstrained coordinates."""
+        """Particles at the end of a block, in unconstrained coordinates."""
         return np.asarray(self.blocks[block]["phi"][-1].reshape(-1, self.posterior.dimension))
 
     def draws(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
-        """Where they are in SI."""
+        """Particles in SI."""
         return self.posterior.bijection(self.particles(block))[0]
 
     def distinct(self, block: int, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-        """Choose some particles of a block by chance, none twice."""
+        """Choose random particles of a block without repetition."""
         phi = self.particles(block)
         phi = phi[rng.permutation(len(phi))]
         # Particles that were drawn twice and have not moved since are one: a point is run once.
@@ -75,7 +78,7 @@ class Exploration:
         return float(np.max(last - self.posterior.bijection(self.particles())[1]))
 
     def share_of_tempered(self, phi: Float[np.ndarray, "run parameter"], block: int) -> Float[np.ndarray, " run"]:
-        """Density of a tempered posterior over that of the posterior, both normalised."""
+        """Ratio of a tempered posterior's density to the posterior's, both normalised."""
         untempered = 1.0 - self.exponents[block]
         of_block, of_last = (self.blocks[b]["likelihood"][-1].ravel() for b in (block, -1))
         ratio, _ = bennett_ratio(untempered * of_block, untempered * of_last)
@@ -84,7 +87,7 @@ class Exploration:
 
     @cached_property
     def outside(self) -> float:
-        """Share of the particles of the posterior beyond the range of the surrogate's runs."""
+        """Fraction of the posterior's particles outside the range of the surrogate's runs."""
         theta = np.asarray(self.posterior.model_parameters(self.draws()))
         return float(np.mean(self.surrogate.outside(theta)))
 
@@ -92,7 +95,7 @@ class Exploration:
 
     @cached_property
     def trusted(self) -> int:
-        """The last block whose tempered log density varies by less than `LARGEST_VARIANCE` with the surrogate's own error."""
+        """The last block whose tempered log density varies by less than `LARGEST_VARIANCE` with the surrogate error."""
         last = len(self.blocks) - 1
         stages = [int(np.flatnonzero(self.exponents == e)[-1]) for e in np.unique(self.exponents) if e > 0.0]
         for block in reversed(stages):
@@ -102,34 +105,34 @@ class Exploration:
 
     @property
     def sure(self) -> bool:
-        """Whether that is the posterior itself."""
+        """Whether that block is the posterior itself."""
         return bool(self.exponents[self.trusted] == 1.0)
 
     @cached_property
     def deviation(self) -> float:
-        """Root of the mean variance of the log density over the surrogate's own error, where the posterior is [nat]."""
+        """Standard deviation of the log density over the surrogate error, averaged over the posterior [nat]."""
         return float(np.sqrt(self.variance()))
 
     def variance(self, block: int = -1) -> float:
-        """Mean variance of the log density over the surrogate's own error, at particles of a block."""
+        """Mean variance of the log density over the surrogate error, at particles of a block."""
         phi = self.particles(block)
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
     def variance_at(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Variance of the log density at some points, over responses drawn from the surrogate's own error."""
+        """Variance of the log density over the surrogate error, at points."""
         return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
 
 
 def variance_by_the_surrogate(
     posterior: Posterior, surrogate: Surrogate, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, " run"]:
-    """Variance of the log density at some points, over responses drawn from a surrogate's own error."""
+    """Variance of the log density over responses drawn from a surrogate's error, at points."""
     rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
     parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
     rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
     responses = [surrogate.sampled(parameters, o.record, rng) for o in posterior.observations]
     density = posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
-    known = np.isfinite(density).all(axis=1)
-    variance = np.var(np.where(known[:, None], density, 0.0), axis=1, ddof=1)
-    return np.where(known, variance, np.inf)
+    finite = np.isfinite(density).all(axis=1)
+    variance = np.var(np.where(finite[:, None], density, 0.0), axis=1, ddof=1)
+    return np.where(finite, variance, np.inf)

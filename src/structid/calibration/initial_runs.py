@@ -1,4 +1,4 @@
-"""The first runs of a calibration: more of the same design while too many have failed to fit a surrogate to the others."""
+"""The first runs of a calibration; more of the same design while too many have failed for a surrogate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from structid.surrogates.base import SurrogateSettings
 def make_first_runs(
     true: TrueRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
 ) -> None:
-    """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others."""
+    """Run the first design, and more of the same points while too many have failed for a surrogate."""
     true.make()
     true.refuse_hopeless()
     while left(len(true)) >= FEWEST_IN_A_BATCH and not _fit_for_a_surrogate(true, settings):
@@ -31,34 +31,34 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: TrueRuns) -> None:
-    """Warn of what the measurements show, and all first runs beside them: a wrong unit, sign or clock."""
+    """Warn about the measurements, and about their comparison with all first runs: a wrong unit, sign or clock."""
     finished = np.flatnonzero(true.finished)
     from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
     for observation, responses in zip(true.observations, true.responses(), strict=True):
         in_turn = (
             _questions(true, response, observation) for response in responses[finished[np.argsort(from_medians)]]
         )
-        asked = next(in_turn, {})
-        for others in in_turn if asked else ():
-            asked = {what: question for what, question in asked.items() if what in others}
+        questions = next(in_turn, {})
+        for others in in_turn if questions else ():
+            questions = {what: question for what, question in questions.items() if what in others}
         nearest = (
             f"All of the first {len(finished)} runs say so; these figures are of that nearest to the priors' medians."
         )
         for question in questions_of_the_measurement(observation, true.model.channel_units):
             warnings.warn(question, UnlikeMeasuredWarning, stacklevel=5)
-        for question in asked.values():
+        for question in questions.values():
             warnings.warn(f"{question} {nearest}", UnlikeMeasuredWarning, stacklevel=5)
 
 
 def _questions(true: TrueRuns, response: np.ndarray, observation: Observation) -> dict[tuple[str, str], str]:
-    """What does not fit of a response (time, channel), by channel and kind."""
+    """Problems of a response (time, channel), by channel and kind."""
     histories = dict(zip(true.model.channels, response.T, strict=True))
     pairs = SideBySide.of(histories, true.model.channel_units, observation)
     return {(pair.channel, kind): question for pair in pairs for kind, question in pair.questions.items()}
 
 
 def _fit_for_a_surrogate(true: TrueRuns, settings: SurrogateSettings) -> bool:
-    """Whether enough runs have finished."""
+    """Whether enough runs have completed."""
     design = Design(np.repeat(true.points[true.finished], len(true.records), axis=0), true.space)
     try:
         settings.check(design, true.records, true.model.channels)

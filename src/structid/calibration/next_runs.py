@@ -1,4 +1,4 @@
-"""Which true runs to do next: where the surrogate is sure of its posterior, draws of it; on the way there, tempered ones."""
+"""Choice of the next model runs: draws of the posterior where the surrogate is certain, tempered draws on the way there."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 
 PLAIN_SHARE = 0.5
-"""Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
+"""Fraction of a batch that are plain draws of the posterior: they show the surrogate's quality before they improve it."""
 
 AHEAD = 100.0
-"""Times the exponent up to which the surrogate is sure, from where a batch on the way comes. A surrogate that is unsure of large
+"""Factor on the exponent up to which the surrogate is certain, for the next batch. A surrogate that is uncertain in large
 regions is often good in the small one that matters."""
 
 SCOUTS, MOST_SCOUTS = 4000, 2
-"""Draws of the prior among which points beyond all runs are looked for, and how many of a batch they may be."""
+"""Draws of the prior among which points beyond all runs are sought, and their largest number in a batch."""
 
 PLAUSIBLE = 25.0
-"""How far below the highest density of the posterior that at the edge of the runs may lie, for something to be looked for beyond
-[nat]. A surrogate knows nothing far out there, and what falls to this by the edge may rise again behind it."""
+"""Depth below the highest posterior density to which the density at the edge of the runs may fall, for a search beyond it
+[nat]. A surrogate knows nothing far outside, and a density that falls to this at the edge may rise again."""
 
 POPULATION = 4000
-"""Draws that a certificate's statement reckons with at most."""
+"""Largest number of draws used for a certificate's statement."""
 
 CANDIDATES = 200
-"""Draws among which the surrogate's own uncertainty is compared."""
+"""Draws among which the surrogate error is compared."""
 
 TEMPERED_SHARE = 1.0 / 3.0
-"""Share of a certificate's draws that are tempered: where the surrogate's posterior is too narrow, plain draws rarely come."""
+"""Fraction of a certificate's draws that are tempered: plain draws rarely reach beyond a posterior that is too narrow."""
 
 TEMPERATURE = 0.5
 """Exponent of the likelihood for those: √2 times as wide as the posterior."""
@@ -41,39 +41,39 @@ TEMPERATURE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Points of true runs."""
+    """Points of model runs."""
 
     # Draws of the surrogate's posterior or wider ones, discrepancy parameters included, in SI
     fresh: Float[np.ndarray, "draw parameter"]
-    log_surrogate: Float[np.ndarray, " draw"]  # Their log density under the surrogate
+    log_surrogate: Float[np.ndarray, " draw"]  # their log density under the surrogate
     # What each counts in an average over the surrogate's posterior; one for plain draws
     shares: Float[np.ndarray, " draw"]
-    others: Float[np.ndarray, "point model_parameter"]  # Further points of the model's parameters, in SI
-    population: Float[np.ndarray, "particle parameter"]  # Many draws of the surrogate's posterior, in SI
-    highest: float  # Largest log density of the surrogate's posterior among them
+    others: Float[np.ndarray, "point model_parameter"]  # further points of the model's parameters, in SI
+    population: Float[np.ndarray, "particle parameter"]  # many draws of the surrogate's posterior, in SI
+    highest: float  # largest log density of the surrogate's posterior among them
 
     def points(self, dimension: int) -> Float[np.ndarray, "point model_parameter"]:
         """All points of the model's parameters, the fresh draws first."""
         return np.concatenate([self.fresh[:, :dimension], self.others])
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give everything for a journal."""
+        """Convert to arrays for a journal."""
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def of(cls, entry: dict[str, np.ndarray]) -> Batch:
-        """Make a batch again of a journal's entry, which may say more."""
-        own: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
-        return cls(**own | {"highest": float(entry["highest"])})
+        """Rebuild from a journal entry, which may contain more."""
+        fields_of_batch: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
+        return cls(**fields_of_batch | {"highest": float(entry["highest"])})
 
     def of_the_errors(self, dimension: int, count: int) -> Float[np.ndarray, "draw discrepancy_parameter"]:
-        """Some draws of the discrepancy's parameters."""
-        own = self.population[:: max(1, len(self.population) // count), dimension:]
-        return own[:count] if own.shape[1] else own[:1]
+        """Some draws of the error model's parameters."""
+        error_parameters = self.population[:: max(1, len(self.population) // count), dimension:]
+        return error_parameters[:count] if error_parameters.shape[1] else error_parameters[:1]
 
 
 def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, rng: np.random.Generator) -> Batch:
-    """Choose the draws of a certificate: plain ones, and a share of tempered ones."""
+    """Choose the draws of a certificate: plain ones, and a fraction of tempered ones."""
     stage = explored.nearest(TEMPERATURE)
     wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
     rows = rng.permutation(np.unique(drawn.flat, axis=0, return_index=True)[1])[: count - len(wide)]
@@ -94,53 +94,53 @@ def next_batch(
     rng: np.random.Generator,
     made_up: Float[np.ndarray, "draw parameter"] | None = None,
 ) -> Batch:
-    """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is."""
+    """Choose a batch that improves the surrogate near its posterior, as far as the surrogate knows it."""
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
     plain = explored.distinct(-1, round(PLAIN_SHARE * count), rng)
     theta, _ = posterior.bijection(plain)
-    taken = np.concatenate([known, theta[:, :dimension]])
+    points_taken = np.concatenate([known, theta[:, :dimension]])
     candidates = widened_draws(explored, CANDIDATES, rng)
     scouts = _plausible_beyond(explored, rng) if made_up is None or not len(made_up) else made_up[:, :dimension]
     if len(scouts):
         scouts = scouts[far_apart(_scores(posterior, scouts), _scores(posterior, known), MOST_SCOUTS)]
-    taken = np.concatenate([taken, scouts])
+    points_taken = np.concatenate([points_taken, scouts])
     left = count - len(plain) - len(scouts)
-    edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], taken)[:left]
-    taken = np.concatenate([taken, candidates[edges, :dimension]])
+    edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], points_taken)[:left]
+    points_taken = np.concatenate([points_taken, candidates[edges, :dimension]])
     unsure = np.sqrt(explored.variance_at(candidates))
     unsure = np.where(np.isfinite(unsure), unsure, 0.0)
-    rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), left - len(edges), unsure)
+    rows = far_apart(_scores(posterior, candidates), _scores(posterior, points_taken), left - len(edges), unsure)
     others = np.concatenate([scouts, candidates[np.concatenate([edges, rows]), :dimension]])
     return _batch(explored, plain, np.ones(len(plain)), others)
 
 
 def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the prior beyond all runs, where a mode could be: those with a high density at the edge.
+    """Draws of the prior beyond all runs where a mode could be: those with a high density at the edge.
 
     Their laws of errors have the parameters that the posterior gives to them.
     """
     posterior, dimension = explored.posterior, explored.posterior.model_space.dimension
     prior = posterior.bijection(posterior.initial(SCOUTS, rng))[0][:, :dimension]
     prior = prior[explored.surrogate.outside(prior)]
-    own = explored.draws()[rng.integers(len(explored.particles()), size=len(prior)), dimension:]
-    theta = np.concatenate([prior, own], axis=1)
+    error_parameters = explored.draws()[rng.integers(len(explored.particles()), size=len(prior)), dimension:]
+    theta = np.concatenate([prior, error_parameters], axis=1)
     density = posterior.log_density(theta) if len(theta) else np.empty(0)
     return np.asarray(prior[density >= explored.highest - PLAUSIBLE])
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
-    """Points of a tempered posterior that lies well ahead of the last one of which the surrogate is sure."""
+    """Points of a tempered posterior well ahead of the last one of which the surrogate is certain."""
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
     ahead = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
     trusted = explored.draws(explored.trusted)[:, :dimension]
     edges = trusted[beyond_the_runs(trusted, trusted, known)][: count // 2]
     theta = posterior.bijection(explored.distinct(ahead, CANDIDATES, rng))[0][:, :dimension]
-    taken = _scores(posterior, np.concatenate([known, edges]))
-    others = np.concatenate([edges, theta[far_apart(_scores(posterior, theta), taken, count - len(edges))]])
+    scores_taken = _scores(posterior, np.concatenate([known, edges]))
+    others = np.concatenate([edges, theta[far_apart(_scores(posterior, theta), scores_taken, count - len(edges))]])
     return _batch(explored, np.empty((0, posterior.dimension)), np.empty(0), others)
 
 
@@ -156,9 +156,9 @@ def beyond_the_runs(
     particles: Float[np.ndarray, "draw parameter"],
     known: Float[np.ndarray, "run parameter"],
 ) -> Int[np.ndarray, " point"]:
-    """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
+    """Choose the furthest candidate in each direction in which a posterior reaches beyond all runs.
 
-    Further out than it reaches a surrogate is as sure of itself as there, so its standard deviation gives no warning.
+    Beyond its reach a surrogate is as certain as within it, so that its standard deviation gives no warning.
     """
     above = particles.max(axis=0) > known.max(axis=0)
     below = particles.min(axis=0) < known.min(axis=0)
@@ -167,14 +167,14 @@ def beyond_the_runs(
 
 
 def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
-    """Draw from a law like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws."""
+    """Draw from a distribution like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws."""
     phi = explored.particles()
     first, second, third = (phi[rng.integers(len(phi), size=count)] for _ in range(3))
     return explored.posterior.bijection(first + second - third)[0]
 
 
 def _scores(posterior: Posterior, theta: np.ndarray) -> np.ndarray:
-    """The model's parameters as probabilities under the prior: comparable with one another."""
+    """The model's parameters as prior probabilities, which are comparable."""
     space = posterior.model_space
     return space.cdf(theta[:, : space.dimension])
 
@@ -185,7 +185,7 @@ def far_apart(
     count: int,
     weights: Float[np.ndarray, " candidate"] | None = None,
 ) -> Int[np.ndarray, " count"]:
-    """Choose points one by one, each time the one with the largest weighted distance to all known and chosen points."""
+    """Choose points one by one, each with the largest weighted distance to all known and chosen points."""
     sd = candidates.std(axis=0)
     scale = np.where(sd > 0, sd, 1.0)
     points, others = candidates / scale, known / scale

@@ -1,4 +1,4 @@
-"""How the true runs of a calibration are spent."""
+"""The budget of a calibration's model runs."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from structid.probability.designs import Design
 from structid.surrogates.base import SurrogateSettings
 
 FIRST_DESIGN = (2, 2)
-"""Points of a first design, and how many more for each parameter."""
+"""Points of a first design, and additional ones per parameter."""
 
 FEWEST = 10
-"""Points of a first design."""
+"""Minimum number of points of a first design."""
 
 IN_A_ROUND, FURTHER, AMONG = 10, 4, 4
-"""Points in a round, and so many further ones for each parameter above so many."""
+"""Points in a round, and additional ones for each parameter above a number of parameters."""
 
 ENLARGED = 1.25
-"""Times by which a first design grows until a surrogate can be fitted to it."""
+"""Factor by which a first design grows until a surrogate can be fitted to it."""
 
 FEWEST_IN_A_BATCH = 4
-"""A batch of fewer runs before the last certificate is not worth a round."""
+"""Smallest batch before the last certificate that is worth a round."""
 
 
 @check_arguments
@@ -116,7 +116,7 @@ class Plan:
         return sized
 
     def _enough(self, start: int, posterior: Posterior, settings: SurrogateSettings) -> int:
-        """So many points or more, as a surrogate asks for; the first number if no number in the budget is enough for it."""
+        """The smallest sufficient number of points for a surrogate; the first number if none in the budget suffices."""
         space, records = (
             posterior.model_space,
             tuple({o.record.content_hash: o.record for o in posterior.observations}.values()),
@@ -134,7 +134,7 @@ class Plan:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Points of the first design and of each round, of a plan that is `sized`."""
+        """Points of the first design and of each round, for a plan that is `sized`."""
         assert self.start is not None and self.batch is not None
         return self.start, self.batch
 

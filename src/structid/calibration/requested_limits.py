@@ -1,4 +1,4 @@
-"""The limits that a stored calibration's certificates were asked to meet: to ask again with others is a further look."""
+"""The limits requested of a stored calibration's certificates, since other limits mean a further look."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from structid.certification.limits import Limits
 from structid.core.journal import write_then_rename
 
 FILE = "limits.json"
-"""All limits, in the order in which they were asked for."""
+"""All limits, in the order of the requests."""
 
 
 def earlier_limits(folder: Path | None, limits: Limits) -> int:
-    """Count the other limits that were asked for before these, and remember these.
+    """Count the other limits requested before these, and store these.
 
-    A certificate that is refused, and then granted with limits that were relaxed, was looked at twice.
+    A certificate that is refused, and then granted with relaxed limits, has been looked at twice.
     """
     if folder is None:
         return 0
-    path, asked = folder / FILE, asdict(limits)
-    known = json.loads(path.read_text()) if path.is_file() else []
-    if asked not in known:
-        known.append(asked)
+    path, requested = folder / FILE, asdict(limits)
+    limits_requested = json.loads(path.read_text()) if path.is_file() else []
+    if requested not in limits_requested:
+        limits_requested.append(requested)
         folder.mkdir(parents=True, exist_ok=True)
-        write_then_rename(path, json.dumps(known, indent=2).encode())
-    return int(known.index(asked))
+        write_then_rename(path, json.dumps(limits_requested, indent=2).encode())
+    return int(limits_requested.index(requested))

@@ -1,4 +1,4 @@
-"""How much each true run counts when fitting a surrogate that must be right where the posterior is."""
+"""Weights of model runs for a surrogate that must be accurate near the posterior."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from jaxtyping import Float
 from structid.inference.convergence import weighted_size
 
 EFFECTIVE_SHARE = 0.5
-"""Share of the runs that count in effect; see `weighted_size`."""
+"""Fraction of the runs that count effectively; see `weighted_size`."""
 
 LEAST = 1e-2
-"""Weight of a run far from the posterior: enough that a surrogate does not go astray there and create a false mode."""
+"""Weight of a run far from the posterior, which keeps the surrogate from creating a false mode there."""
 
 
 def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"]:
-    """Weigh runs by a tempered posterior, w = max(π^τ, `LEAST`), with the exponent τ for which half of the runs count.
+    """Weight runs by a tempered posterior, w = max(π^τ, `LEAST`), with the exponent τ for which half of the runs count.
 
-    A NARX of few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than one
-    that errs equally everywhere.
+    A NARX with few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than
+    one that errs equally everywhere.
     """
     finite = np.isfinite(log_density)
     if not finite.any():

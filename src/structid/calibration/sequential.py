@@ -1,4 +1,4 @@
-"""The sequential loop: design → surrogate → posterior → true runs where the posterior is → … → certificate."""
+"""The sequential loop: design → surrogate → posterior → model runs where the posterior is → … → certificate."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.surrogate_list import DEFAULT, load_surrogate
 
 SCHEMA = 13
-"""Version of the rounds on disk, and of the random streams that continue from them."""
+"""Version of the stored rounds, and of the random streams that continue from them."""
 
 LARGEST_OUTSIDE = 0.01
-"""Share of the posterior beyond the range of the runs, where a surrogate extrapolates, before a certificate."""
+"""Largest fraction of the posterior outside the range of the runs, where a surrogate extrapolates, for a certificate."""
 
 SURE = 0.035
-"""Standard deviation of the log density over the surrogate's own error with which a look is worth it, whatever the last round
+"""Standard deviation of the log density over the surrogate error below which a look is worthwhile, whatever the last round
 showed [nat]: that round's draws train this surrogate."""
 
 Entry = dict[str, np.ndarray]
-"""A round on disk."""
+"""A stored round."""
 
 _log = logging.getLogger(__name__)
 
@@ -168,7 +168,7 @@ def calibrate(
 
 
 def _law(discrepancy: ErrorLaw | str | None) -> ErrorLaw | None:
-    """The law that is given; None where it is left out, or to be chosen."""
+    """The given error model; None if it is omitted or to be chosen."""
     if isinstance(discrepancy, str) and discrepancy != AUTO:
         raise InputError("calibrate(discrepancy)", f"'{discrepancy}'", f"a law such as structid.AR1(), or '{AUTO}'")
     return None if isinstance(discrepancy, str) else discrepancy
@@ -225,7 +225,7 @@ class _Loop:
         }
 
     def run(self) -> CalibrationResult:
-        """Go through the rounds that are stored, and on from there."""
+        """Read the stored rounds, and continue from there."""
         make_first_runs(self.true, self.settings, self._planned, self._left)
         warn_of_mistakes(self.true)
         stored = [] if self.journal is None else list(self.journal)
@@ -252,7 +252,7 @@ class _Loop:
                 return self._result(number, surrogate)
 
     def _planned(self, count: int) -> np.ndarray:
-        """So many points of the first design, in SI."""
+        """A number of points of the first design, in SI."""
         return self.space.sample(count, self.seed, "sobol", self.plan.widen).values
 
     # --- a round ------------------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ class _Loop:
         return surrogate
 
     def _fits(self, told: Progress) -> SurrogateFits:
-        """What surrogates are fitted to now."""
+        """The data for surrogate fits at this moment."""
         return SurrogateFits(self.settings, self.posterior, self.true, self.last, told)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
@@ -293,24 +293,24 @@ class _Loop:
             made_up, fit = final.made_up, explored.outside <= LARGEST_OUTSIDE and not final.failures
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
-        rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
+        rng, difference = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
         if again:
-            batch, beside = self._again(final.sampling, surrogate)
+            batch, difference = self._again(final.sampling, surrogate)
         elif due:
             batch = certificate_draws(explored, final.sampling, self.plan.certificate, rng)
         else:
             batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng, made_up)
         sure = float(explored.exponents[explored.trusted]), explored.deviation
-        said = {"final": due or again, "again": again, "chosen": chosen, "settled": self.settled, "sure": sure}
-        return batch.to_entry() | beside.to_entry() | {name: np.array(value) for name, value in said.items()}
+        flags = {"final": due or again, "again": again, "chosen": chosen, "settled": self.settled, "sure": sure}
+        return batch.to_entry() | difference.to_entry() | {name: np.array(value) for name, value in flags.items()}
 
     @property
     def _to_be_judged_again(self) -> bool:
-        """Whether the last round's certificate was refused: its draws can judge the surrogate that has learnt from them."""
+        """Whether the last round's certificate was refused, so that its draws can assess the next surrogate."""
         return bool(self.rounds) and self.rounds[-1].to_be_judged_again
 
     def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, Beside]:
-        """The last certificate's draws, each judged by a surrogate that has not seen it."""
+        """The last certificate's draws, each assessed by a surrogate that has not seen it."""
         assert self.last is not None
         everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
         fits = self._fits(self._told("fitting surrogates without some runs"))
@@ -326,48 +326,48 @@ class _Loop:
 
     def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
-        told = self._told("exploring its posterior")
+        progress = self._told("exploring its posterior")
         under, seed = self.posterior.on(surrogate), derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
-        self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
+        self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), progress)
         return Exploration(under, surrogate, blocks)
 
     def _final_draws(self, number: int, surrogate: Surrogate, training: int, sure: bool) -> FinalDraws:
-        """Draws that a certificate of this round is about; drawn once, or read from the store."""
+        """Draws for the certificate of this round, computed once or read from the store."""
         if self.final is None or self.final[0] != number:
             folder = None if self.folder is None else self.folder / f"draws_{number}"
             sampler = None if self.sampler is not None and self.sampler.exact else self.sampler
             seed = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING)
-            known, told = self.true.points[:training], self._told("sampling")
+            points, report = self.true.points[:training], self._told("sampling")
             under = self.posterior.on(surrogate)
-            self.final = number, final_draws(under, surrogate, sure, known, sampler, seed, folder, told)
+            self.final = number, final_draws(under, surrogate, sure, points, sampler, seed, folder, report)
         return self.final[1]
 
     def _promising(self, explored: Exploration) -> bool:
-        """Whether a certificate is worth its true runs, by the plain draws of the last round or by the surrogate's own error."""
+        """Whether a certificate is worth its model runs, by the plain draws of the last round or by the surrogate error."""
         if not self.rounds or self.rounds[-1].certificate is not None or not self.rounds[-1].fresh:
             return False
         return self.rounds[-1].promising or bool(explored.sure and explored.deviation <= SURE)
 
     def _room(self, training: int) -> bool:
-        """Whether the budget leaves room for another batch before the certificate."""
+        """Whether the budget allows another batch before the certificate."""
         return self._left(training) >= FEWEST_IN_A_BATCH
 
     def _left(self, training: int) -> int:
-        """Runs of the budget that no certificate needs; somebody else's solver is run once more for each."""
+        """Model runs that no certificate needs; an external solver repeats one for each."""
         of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
         return self.plan.true_runs - training - self.twice - of_a_certificate
 
     def _choose_law(self, number: int, surrogate: Surrogate) -> bool:
-        """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
+        """Let the data choose the error model by an accurate surrogate; returns whether it is unchanged."""
         folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.law
         seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
-        told = self._told("choosing the law of the errors")
-        self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=told, store=folder)
+        report = self._told("choosing the law of the errors")
+        self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=report, store=folder)
         self.posterior = self.posterior.on(law=self.choice.posterior.law)
         return self.posterior.law.describe() == before.describe()
 
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
-        """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
+        """Assess a round by its model runs at the fresh draws, with a certificate if it is due."""
         number, again, count = len(self.rounds), bool(entry["again"]), len(batch.fresh)
         exponent, deviation = map(float, entry["sure"])
         first = training - count if again else training
@@ -394,7 +394,7 @@ class _Loop:
         )  # fmt: skip
 
     def _noise(self, first: int, batch: Batch, log_true: np.ndarray, again: bool) -> tuple[str, ...]:
-        """What speaks against somebody else's solver: it is run once more at the first draw of a certificate."""
+        """Evidence that an external solver is not deterministic, by repeating the first draw of a certificate."""
         if not (self.posterior.model.traceable or again):
             self.twice += 1
             once_more = self.posterior.given(self.true.once_more(first)).log_density(batch.fresh[:1])
@@ -410,10 +410,10 @@ class _Loop:
         sampler, drawn = self.sampler, replace(final.sampling, certified=last.certificate.certified)
         if sampler is not None and sampler.exact:  # draws of the model's own posterior, whatever the certificate says
             chains = None if self.folder is None else self.folder / f"exact_{number}.h5"
-            seed, told = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self._told("exact sampling")
+            seed, progress = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self._told("exact sampling")
             with run_map(self.posterior.model, self.executor) as map_of_runs:
                 target = self.posterior.mapped_by(map_of_runs)
-                drawn = sample(target, sampler.proposing_by(surrogate), seed, chains, progress=told)
+                drawn = sample(target, sampler.proposing_by(surrogate), seed, chains, progress=progress)
         if self.folder is not None:
             (self.folder / CALIBRATION_FINISHED).touch()
         return CalibrationResult(

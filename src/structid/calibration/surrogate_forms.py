@@ -1,4 +1,4 @@
-"""Which form of a surrogate is best where the posterior is: by what it says of each run when that run is left out."""
+"""Choice among forms of a surrogate by their leave-one-out errors near the posterior."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from structid.inference.convergence import weighted_size
 from structid.inference.likelihood.posterior import Posterior
 
 EFFECTIVE_SHARE = 0.3
-"""Share of the runs that count in effect."""
+"""Fraction of the runs that count effectively."""
 
 
 class KnowsItsErrors(Protocol):
-    """A fitted surrogate that can do without one of its runs."""
+    """A fitted surrogate with leave-one-out predictions."""
 
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that it was fitted to from all others."""
+        """Predict each run of the fit from all others."""
 
 
 def best_near_the_posterior(
@@ -33,7 +33,7 @@ def best_near_the_posterior(
     log_true: Float[np.ndarray, " run"],
     ran: Sequence[np.ndarray],
 ) -> int:
-    """Choose among surrogates that were fitted to the same runs."""
+    """Choose among surrogates fitted to the same runs."""
     errors = [error_near_the_posterior(one, posterior, theta, log_true, ran) for one in found]
     return int(np.argmin(errors))
 
@@ -45,9 +45,9 @@ def error_near_the_posterior(
     log_true: Float[np.ndarray, " run"],
     ran: Sequence[np.ndarray],
 ) -> float:
-    """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.
+    """Leave-one-out error of the tempered log density, weighted by the tempered posterior.
 
-    A surrogate that errs least over the whole prior is not the one that errs least where the posterior is.
+    The surrogate that errs least over the whole prior is not the one that errs least near the posterior.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
     responses = [
@@ -57,12 +57,14 @@ def error_near_the_posterior(
     with np.errstate(invalid="ignore"):  # both may be −inf
         error = log_true - posterior.given(responses).log_density(theta)
     exponent, weights = _tempered(log_true)
-    known = np.isfinite(error) & (weights > 0.0)
-    return float(exponent * np.sqrt(np.average(error[known] ** 2, weights=weights[known]))) if known.any() else np.inf
+    usable = np.isfinite(error) & (weights > 0.0)
+    return (
+        float(exponent * np.sqrt(np.average(error[usable] ** 2, weights=weights[usable]))) if usable.any() else np.inf
+    )
 
 
 def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
-    """The exponent τ ≤ 1 with which a share of the runs count, and weights π^τ."""
+    """The exponent τ ≤ 1 with which a fraction of the runs count, and weights π^τ."""
     below = log_density - log_density[np.isfinite(log_density)].max()
     below = np.where(np.isfinite(below), below, -np.inf)
 
@@ -74,12 +76,12 @@ def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
 
     if excess(0.0) >= 0.0:
         return 1.0, weights(0.0)
-    found = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
-    return float(np.exp(found)), weights(found)
+    result = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
+    return float(np.exp(result)), weights(result)
 
 
 def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:
-    """Responses of some runs in their places among all, NaN elsewhere."""
+    """Responses of some runs at their positions among all, NaN elsewhere."""
     everywhere = np.full((len(ran), *values.shape[1:]), np.nan)
     everywhere[ran] = values
     return everywhere

@@ -1,1 +1,1 @@
-"""Campaigns of true runs: the loop over the runs, the executors, and the crash-safe store."""
+"""Campaigns of model runs: the loop over the runs, the executors, the crash-safe store."""

@@ -27,11 +27,11 @@ ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concu
 
 
 class LostWorkerError(Exception):
-    """A run has killed so many workers, one after another, that its scheduler has given it up."""
+    """A run has killed several workers in succession, so that its scheduler has given it up."""
 
 
 class Pool:
-    """Runs submitted to an executor. Their number is limited, and results are returned as the runs finish."""
+    """Runs submitted to an executor, limited in number; results are returned as the runs finish."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class Pool:
                 self._check()
 
     def lent(self) -> Pool:
-        """Return another pool on the same executor, which leaves the executor open."""
+        """Return another pool on the same executor, which does not close it."""
         return Pool(self._executor, self._workers, check=self._check, options=self._options)
 
     def close(self, abort: bool = False) -> None:
@@ -137,7 +137,7 @@ def _pool_of(executor: Any) -> Pool:
 
 
 def _local(workers: int) -> Pool:
-    """Make a pool of threads; each thread owns a child process that does its runs."""
+    """Make a pool of threads; each owns a child process that does its runs."""
     guards: list[Watchdog] = []
     threads = ThreadPoolExecutor(workers, "structid-run", initializer=lambda: guards.append(guard_of_this_thread()))
 
@@ -172,13 +172,13 @@ def _connected(address: str) -> Any:
 
 
 def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
-    asked, threads = -math.inf, 0
+    counted_at, threads = -math.inf, 0
 
     def workers() -> int:
-        nonlocal asked, threads
-        if time.monotonic() > asked + RECOUNT:  # a request to the scheduler takes as long as a short run
+        nonlocal counted_at, threads
+        if time.monotonic() > counted_at + RECOUNT:  # a request to the scheduler takes as long as a short run
             try:
-                asked, threads = time.monotonic(), sum(client.nthreads().values())
+                counted_at, threads = time.monotonic(), sum(client.nthreads().values())
             except Exception as problem:  # any exception means that the scheduler does not answer
                 raise CampaignStoppedError(f"the scheduler at {address} was lost") from problem
         return threads
@@ -192,7 +192,7 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
 @contextlib.contextmanager
 def opened(executor: Any) -> Iterator[Pool]:
-    """Open a pool on an executor, and close it at the end; after an exception, unfinished runs are aborted."""
+    """Open a pool on an executor and close it at the end; after an exception, unfinished runs are aborted."""
     pool, abort = _pool_of(executor), True
     try:
         yield pool
@@ -202,7 +202,7 @@ def opened(executor: Any) -> Iterator[Pool]:
 
 
 def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[Any]:
-    """Open an executor once for everything that an external model is run for: starting workers can take longer than a run."""
+    """Open an executor once for all runs of an external model: starting workers can take longer than a run."""
     return contextlib.nullcontext(executor) if model.batched else opened(executor)
 
 
@@ -217,17 +217,17 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
             waiting.reverse()
             while waiting or pool.busy:
                 while waiting and pool.room > 0:
-                    place, item = waiting.pop()
-                    pool.submit(place, function, item)
-                for place, result in pool.finished():
+                    index, item = waiting.pop()
+                    pool.submit(index, function, item)
+                for index, result in pool.finished():
                     if isinstance(result, LostWorkerError):
-                        raise CampaignStoppedError(f"run {place} killed every worker that tried it: {result}")
-                    results[place] = result
+                        raise CampaignStoppedError(f"run {index} killed every worker that tried it: {result}")
+                    results[index] = result
             return results
 
         yield mapped
 
 
 def run_map(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
-    """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none."""
+    """Open an executor for the runs of an external model; a built-in model runs in batches and needs none."""
     return contextlib.nullcontext() if model.batched else mapping(executor)

@@ -1,4 +1,4 @@
-"""Entries of the journals of a campaign: its design with what all runs share, and the runs that have ended."""
+"""Entries of a campaign's journals: the design with common data, and completed runs."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from structid.probability.space import ParameterSpace
 
 @dataclass(frozen=True)
 class Finished:
-    """A run that has ended and is to be stored."""
+    """A completed run to be stored."""
 
-    key: str  # Identifies its point and record
-    outcome: Outcome  # Its result
-    attempts: int  # Number of attempts
+    key: str  # identifies point and record
+    outcome: Outcome  # its outcome
+    attempts: int  # number of attempts
 
 
 def design_entry(
@@ -35,7 +35,7 @@ def design_entry(
     theta: Float[np.ndarray, "run parameter"],
     record_of_run: Int[np.ndarray, " run"],
 ) -> dict[str, np.ndarray]:
-    """Make the journal entry of a design. It holds everything that a reader of the journals alone needs."""
+    """Make the journal entry of a design, with everything that a reader of the journals alone needs."""
     shared = {
         "space": header.space.to_plain(),
         "records": [r.to_plain() for r in header.records],
@@ -71,7 +71,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
 
 
 def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
-    """Make the journal entry of runs that have ended: one text and one array, since an array costs as much as 1000 numbers."""
+    """Make the journal entry of completed runs: one string and one array, since an array costs as much as 1000 numbers."""
     values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
     ended = []
     for row, run in zip(values, finished, strict=True):
@@ -98,5 +98,5 @@ def journalled_rows(journal: Journal) -> Iterator[dict[str, Row]]:
 
 
 def printable(text: str) -> str:
-    """Replace characters that a file format may reject, whatever a solver has printed."""
+    """Replace characters that a file format may reject in a solver's output."""
     return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)

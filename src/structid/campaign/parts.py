@@ -1,4 +1,4 @@
-"""The folder with the parts of a store: file names, the lock against a second writer, and errors of a full or broken disk."""
+"""The folder with the parts of a store: file names, the lock against a second writer, errors of a full or broken disk."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def segments_of(path: Path) -> list[Path]:
 def next_segment(path: Path) -> Path:
     """Name the next segment of a store.
 
-    The name is always new, even where a kill has left segments of an earlier campaign.
+    The name is always new, even if a kill has left segments of an earlier campaign.
     """
     last = max((int(p.stem.partition("-")[2]) for p in segments_of(path)), default=0)
     return parts_of(path) / f"segment-{last + 1:06d}.h5"
@@ -37,7 +37,7 @@ def run_files_of(path: Path) -> list[Path]:
 
 
 def lock(folder: Path, path: Path) -> int | None:
-    """Lock a folder against a second writer. The system releases the lock when this process ends, in whatever way."""
+    """Lock a folder against a second writer. The system releases the lock when this process ends in any way."""
     # A separate file, open for writing: network file systems lock nothing else.
     handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
     try:
@@ -66,7 +66,7 @@ def lock(folder: Path, path: Path) -> int | None:
 
 @contextlib.contextmanager
 def disk_errors_explained(path: Path) -> Iterator[None]:
-    """Turn an error of the disk into a message that says what it means for the campaign."""
+    """Explain a disk error and its consequences for the campaign."""
     try:
         yield
     except OSError as problem:

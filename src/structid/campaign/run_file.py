@@ -1,4 +1,4 @@
-"""Runs in one HDF5 file with the layout of netCDF. Each run is one compressed chunk, to be read or moved by itself."""
+"""Runs in one HDF5 file in netCDF layout. Each run is one compressed chunk that can be read or moved by itself."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
 SCHEMA = 2
-"""Version of the layout. In 1, which is read as well, no run has the status `Status.STRUCTURE_FAILED`."""
+"""Version of the layout. Version 1, which is read too, has no runs with `Status.STRUCTURE_FAILED`."""
 
 _KINDS: dict[str, type[Excitation]] = {
     kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory, RotationHistory)
@@ -42,12 +42,12 @@ _TEXT = h5py.string_dtype()
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What all runs of a store share."""
+    """Common data of all runs in a store."""
 
-    identity: dict[str, Any]  # Hashes and names; a store with another identity is refused
-    space: ParameterSpace  # Space of the design
+    identity: dict[str, Any]  # hashes and names; a store with another identity is refused
+    space: ParameterSpace  # space of the design
     records: tuple[Excitation, ...]
-    channels: tuple[str, ...]  # Channels of the histories
+    channels: tuple[str, ...]  # channels of the histories
 
     @property
     def samples(self) -> int:
@@ -62,21 +62,21 @@ class Header:
 
 @dataclass(frozen=True)
 class Row:
-    """One stored run: its outcome, and where its history is."""
+    """One stored run: its outcome, and the location of its history."""
 
-    key: str  # Identifies its point and record
+    key: str  # identifies point and record
     status: int
-    reason: str  # Why it failed
-    failure_time: float  # Time of failure [s], wall time [s]
-    seconds: float  # Time of failure [s], wall time [s]
-    attempts: int  # Number of attempts
-    finished: float  # When it ended, in seconds since the epoch
-    source: Any  # Where the history is; None for a pending run
-    position: int  # Row of the history in the source
+    reason: str  # why it failed
+    failure_time: float  # time of failure [s]
+    seconds: float  # wall time [s]
+    attempts: int  # number of attempts
+    finished: float  # end time, in seconds since the epoch
+    source: Any  # where the history is; None for a pending run
+    position: int  # row of the history in the source
 
 
 def sound_rows(path: Path) -> dict[str, Row]:
-    """Read the outcome of every run in a file whose history can be read; warn of the others."""
+    """Read the outcome of every run whose history is readable; warn of the others."""
     rows, state = read_rows(path), path.stat()
     lost = damaged_rows(path, state.st_mtime_ns, state.st_size)
     if lost:
@@ -116,7 +116,7 @@ def write(
 
 
 def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
-    """Check the free space first, because a full disk can crash the HDF5 library."""
+    """Check the free disk space first, because a full disk can crash the HDF5 library."""
     needed = 1_000_000
     for source in {row.source for row in rows if row.source is not None}:
         if isinstance(source, FileSource):
@@ -172,7 +172,7 @@ def _write_rows(file: Any, rows: Sequence[Row]) -> None:
 
 
 def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
-    """Write the histories. Chunks of other files are copied as they are; everything else is compressed here."""
+    """Write the histories. Chunks of other files are copied; everything else is compressed here."""
     shape = (header.samples, len(header.channels))
     values = file.create_dataset(
         "values",
@@ -237,7 +237,7 @@ def read_keys(path: Path) -> list[str]:
 
 
 def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
-    """Read what the runs of a file share, and their design."""
+    """Read the common data of a file and its design."""
     with opened_hdf5(path, "runs of a Campaign") as file:
         _refuse_later_layout(path, int(file.attrs["schema"]))
         plain = json.loads(file.attrs["records"])
@@ -252,13 +252,13 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
 
 
 def _refuse_later_layout(path: Path, layout: int) -> None:
-    """What a later version has added, this one would take for something else."""
+    """Refuse a file of a later version, whose additions this version would misread."""
     if layout > SCHEMA:
         raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or before", "Update structid.")
 
 
 def record_from_plain(plain: dict[str, Any], values: Float[np.ndarray, "time *motion"]) -> Excitation:
-    """Rebuild an excitation from its description by `Excitation.to_plain` and its samples."""
+    """Rebuild an excitation from its description and its samples."""
     if "parts" in plain:
         parts = [record_from_plain(p, v) for p, v in zip(plain["parts"], values.T, strict=True)]
         return CombinedExcitation(parts, plain["name"])
@@ -274,7 +274,7 @@ def as_runs(
     values: Any,
     path: Path | None,
 ) -> Runs:
-    """Make `Runs` of rows."""
+    """Make `Runs` from rows."""
     return Runs(
         Design(theta, header.space),
         header.records,

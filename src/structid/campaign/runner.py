@@ -1,4 +1,4 @@
-"""A campaign: the true runs of a design, on any executor, each stored before the next result is awaited."""
+"""A campaign: the model runs of a design on any executor, each stored before the next result is awaited."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ CampaignProgress = Callable[[int, int, int], None]
 """Called with the number of runs that have ended, the total, and the number of failed runs."""
 
 BATCH = 256
-"""Number of runs of a built-in model that are done and stored together."""
+"""Runs of a built-in model that are done and stored together."""
 
 TRIED_AGAIN = (Status.FAILED, Status.TIMED_OUT)
-"""Status of runs for which another attempt may help; a run that diverged would diverge again."""
+"""Statuses for which another attempt may help; a run that diverged would diverge again."""
 
 RETRIED = (*TRIED_AGAIN, Status.DIVERGED)
-"""Status of runs that are repeated on request, because the solver may have changed."""
+"""Statuses of runs that are repeated on request, because the solver may have changed."""
 
 
 @dataclass(frozen=True)
 class _Ticket:
-    """One run to be done: its row in the design, and which attempt it is."""
+    """A run to be done: its row in the design, and the number of the attempt."""
 
     row: int
     attempts: int
@@ -108,7 +108,7 @@ class Campaign:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Everything except the points that the runs depend on: model, space, records, channels."""
+        """Everything except the points on which the runs depend: model, space, records, channels."""
         return {
             "model": self.model.content_hash,
             "space": self.design.space.content_hash,
@@ -118,19 +118,19 @@ class Campaign:
         }
 
     def refuse_another(self) -> None:
-        """See that the store holds runs of this model, engine, records and space, or none.
+        """Check that the store holds runs of this model, engine, records and space, or none.
 
         Raises
         ------
         StoreMismatchError
             If it holds others.
         """
-        found = None if self.store is None else stored_identity(self.store)
-        if self.store is not None and found is not None:
-            compare_identity(Path(self.store), found, self.identity)
+        stored = None if self.store is None else stored_identity(self.store)
+        if self.store is not None and stored is not None:
+            compare_identity(Path(self.store), stored, self.identity)
 
     def adopt(self) -> None:
-        """Take over the stored runs of another version of the model, or of another engine, without running anything.
+        """Adopt the stored runs of another version of the model or of another engine, without running anything.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class Campaign:
         return f"{len(store.rows)} of {len(self.keys)} runs are stored"
 
     def _is_part_of(self, store: RunStore | MemoryStore) -> bool:
-        """Whether the store contains every run of this design, and other runs."""
+        """Whether the store contains every run of this design, and others."""
         return set(self.keys) < set(store.rows)
 
     def _selected(self) -> Runs:
@@ -227,8 +227,10 @@ class Campaign:
         assert self.store is not None
         runs = open_runs(self.store)
         hashes = [r.content_hash for r in runs.records]
-        place = {key: i for i, key in enumerate(_keys(runs.design.values, [hashes[i] for i in runs.record_of_run]))}
-        return runs[np.array([place[key] for key in self.keys])]
+        row_of_key = {
+            key: i for i, key in enumerate(_keys(runs.design.values, [hashes[i] for i in runs.record_of_run]))
+        }
+        return runs[np.array([row_of_key[key] for key in self.keys])]
 
     def _check_points(self, store: RunStore | MemoryStore) -> None:
         strangers = set(store.rows) - set(self.keys)
@@ -242,7 +244,7 @@ class Campaign:
             )
 
     def _todo(self, store: RunStore | MemoryStore, retry: bool, attempts: int) -> list[_Ticket]:
-        """Runs that are not stored, that have attempts left, or that are to be repeated."""
+        """Runs that are not stored, have attempts left, or are to be repeated."""
         tickets = []
         for row, key in enumerate(self.keys):
             stored = store.rows.get(key)
@@ -298,7 +300,7 @@ class Campaign:
         pool.submit(ticket, attempt, calls[number], task)
 
     def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
-        """Take the runs that have ended, and list those to be tried again."""
+        """Store the completed runs, and list those to be repeated."""
         finished, again = [], []
         for ticket, outcome in pool.finished():
             if isinstance(outcome, LostWorkerError):
@@ -311,7 +313,7 @@ class Campaign:
 
 
 class _Counter:
-    """Counts the runs that have ended and those that failed, for a progress bar."""
+    """Counts completed and failed runs for a progress bar."""
 
     def __init__(
         self, store: RunStore | MemoryStore, keys: list[str], todo: list[_Ticket], progress: CampaignProgress | None
@@ -330,11 +332,11 @@ class _Counter:
 
 
 def _keys(points: np.ndarray, record_hashes: list[str]) -> list[str]:
-    """Key of each run from its point and its record; further runs at the same point get different keys."""
-    seen: Counter[str] = Counter()
+    """Key of each run from its point and record; repeated points get different keys."""
+    counts: Counter[str] = Counter()
     keys = []
     for point, record in zip(points, record_hashes, strict=True):
         key = digest(np.asarray(point), record)
-        keys.append(key if seen[key] == 0 else digest(key, seen[key]))
-        seen[key] += 1
+        keys.append(key if counts[key] == 0 else digest(key, counts[key]))
+        counts[key] += 1
     return keys

@@ -1,4 +1,4 @@
-"""Runs of a model: design, records, histories and status. A campaign produces them, a surrogate is fitted to them."""
+"""Model runs: design, records, histories and status. A campaign produces them; a surrogate is fitted to them."""
 
 from __future__ import annotations
 
@@ -160,12 +160,12 @@ class Runs(ShownAsText):
 
     @property
     def failures(self) -> list[tuple[str, int]]:
-        """Reasons of failure, those that differ in numbers alone as one, each with its number of runs; the most common first."""
+        """Reasons of failure with their numbers of runs, most frequent first; reasons that differ only in numbers count as one."""
         return grouped_reasons(self.reasons)
 
     @property
     def rate(self) -> float:
-        """Number of runs that ended per second, over the last hundred; NaN if not known."""
+        """Runs completed per second, over the last hundred; NaN if unknown."""
         last = np.sort(self.finished[np.isfinite(self.finished)])[-100:]
         return float((len(last) - 1) / (last[-1] - last[0])) if len(last) > 1 and last[-1] > last[0] else float("nan")
 
@@ -362,7 +362,7 @@ class Runs(ShownAsText):
 
 @dataclass(frozen=True, eq=False)
 class _Some:
-    """Some rows of histories in memory or on disk."""
+    """Selected rows of histories in memory or on disk."""
 
     whole: Values
     rows: np.ndarray
@@ -376,7 +376,7 @@ class _Some:
 
 
 def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> Int[np.ndarray, " run"]:
-    """Number of the record that drives each run."""
+    """Index of the record that drives each run."""
     if assignment is None and len(records) == 1:
         return np.zeros(runs, dtype=int)
     if isinstance(assignment, str) and assignment == "cycle":
@@ -396,8 +396,8 @@ def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) ->
         )  # fmt: skip
     numbers = np.empty(runs, dtype=int)
     for i, which in enumerate(assignment):
-        known = which in names if isinstance(which, str) else 0 <= int(which) < len(records)
-        if not known:
+        valid = which in names if isinstance(which, str) else 0 <= int(which) < len(records)
+        if not valid:
             raise InputError("assignment", f"{which!r} for run {i}", ", ".join(names))
         numbers[i] = names.index(which) if isinstance(which, str) else int(which)
     return numbers

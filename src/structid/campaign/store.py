@@ -43,17 +43,17 @@ CAMPAIGN_RUNS = "runs.h5"
 CALIBRATION_FOLDER = "calibration"
 """Folder of a calibration in the folder of its study."""
 CALIBRATION_RUNS = "true_runs.h5"
-"""File in it with the runs."""
+"""File with its runs."""
 CALIBRATION_FINISHED = "finished"
-"""File in it that says that it has its last draws."""
+"""File in it that marks the last draws as complete."""
 ADOPTED = {"model", "engine"}
-"""What runs may differ in and still be taken over."""
+"""Properties in which adopted runs may differ."""
 SEGMENT_BYTES = 64_000_000
-"""A journal larger than this is sealed into a segment."""
+"""Size above which a journal is sealed into a segment."""
 
 
 def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """Read what the stored runs belong to."""
+    """Read the identity of the stored runs."""
     parts = parts_of(Path(path))
     if (parts / "design").exists():
         return Journal.read(parts / "design").identity
@@ -61,15 +61,15 @@ def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
 
 
 class RunStore:
-    """The runs of a campaign, on disk."""
+    """The runs of a campaign on disk."""
 
     def __init__(self, path: str | os.PathLike[str], header: Header, adopt: bool = False) -> None:
         self.path, self.header = Path(path), header
         self.parts = parts_of(self.path)
-        found = stored_identity(self.path)
-        other = [] if found is None else differences(found, header.identity)
-        if found is not None and not set(other) <= (ADOPTED if adopt else set()):
-            compare_identity(self.path, found, header.identity)
+        result = stored_identity(self.path)
+        other = [] if result is None else differences(result, header.identity)
+        if result is not None and not set(other) <= (ADOPTED if adopt else set()):
+            compare_identity(self.path, result, header.identity)
         with disk_errors_explained(self.path):
             self.parts.mkdir(parents=True, exist_ok=True)
             self._lock = lock(self.parts, self.path)
@@ -94,12 +94,12 @@ class RunStore:
     def describe(
         self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
     ) -> None:
-        """Write the design to disk, so that every reader of the store knows which runs are pending."""
+        """Write the design to disk, so that every reader of the store knows the pending runs."""
         with disk_errors_explained(self.path):
             self._designs.append(design_entry(self.header, keys, theta, record_of_run))
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Write finished runs to disk; they are safe there when this returns."""
+        """Write completed runs to disk; they are safe there when this returns."""
         if not finished:
             return
         entry = runs_entry(finished, self.header)
@@ -117,8 +117,8 @@ class RunStore:
             rows.update(some)
         if rows:
             _, keys, theta, record_of_run = read_design(self._designs, self.path)
-            place = {key: i for i, key in enumerate(keys)}
-            points = [place[key] for key in rows]
+            row_of_key = {key: i for i, key in enumerate(keys)}
+            points = [row_of_key[key] for key in rows]
             segment = next_segment(self.path)
             run_file.write(segment, self.header, theta[points], record_of_run[points], list(rows.values()))
             self.rows.update(run_file.read_rows(segment))
@@ -139,7 +139,7 @@ class RunStore:
         return open_runs(self.path)
 
     def close(self) -> None:
-        """Release the store; nothing in it changes."""
+        """Release the store without changing it."""
         if self._lock is not None:
             if [p.name for p in self.parts.glob("*")] == ["lock"]:  # nothing was written
                 shutil.rmtree(self.parts, ignore_errors=True)
@@ -148,7 +148,7 @@ class RunStore:
 
 
 class MemoryStore:
-    """The runs of a campaign without a file; they are lost with the process."""
+    """The runs of a campaign in memory only."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -158,7 +158,7 @@ class MemoryStore:
         """Do nothing; see `RunStore.describe`."""
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Keep finished runs."""
+        """Keep completed runs."""
         if finished:
             entry = runs_entry(finished, self.header)
             self.rows.update(rows_of(entry, InMemory(entry["values"])))
@@ -169,7 +169,7 @@ class MemoryStore:
         return run_file.as_runs(self.header, theta, record_of_run, rows, _Scattered(rows, self.header), None)
 
     def close(self) -> None:
-        """Do nothing: there is nothing to release."""
+        """Do nothing."""
 
 
 @check_arguments
@@ -218,7 +218,7 @@ class _Stored:
 
 
 def _settled(path: Path) -> _Stored:
-    """Read a store while another process may write to it; read again if its files have changed in the meantime."""
+    """Read a store while another process may write to it; read again if its files change meanwhile."""
     for _ in range(20):
         before = _layout(path)
         try:
@@ -239,9 +239,9 @@ def _layout(path: Path) -> list[str]:
 
 def _stored(path: Path) -> _Stored:
     parts = parts_of(path)
-    found: dict[str, Row] = {}
+    result: dict[str, Row] = {}
     for file in run_files_of(path):
-        found.update(run_file.read_rows(file))
+        result.update(run_file.read_rows(file))
     if (parts / "design").exists():
         header, keys, theta, record_of_run = read_design(Journal.read(parts / "design"), path)
     else:
@@ -249,8 +249,8 @@ def _stored(path: Path) -> _Stored:
         keys = run_file.read_keys(path)
     if (parts / "journal").exists():
         for some in journalled_rows(Journal.read(parts / "journal")):
-            found.update(some)
-    return _Stored(header, theta, record_of_run, _in_order(found, keys))
+            result.update(some)
+    return _Stored(header, theta, record_of_run, _in_order(result, keys))
 
 
 def _in_order(rows: Mapping[str, Row], keys: Sequence[str]) -> list[Row]:
@@ -275,14 +275,14 @@ class _Scattered:
 
     def read(self, rows: np.ndarray) -> np.ndarray:
         values = np.full((len(rows), *self.shape[1:]), np.nan)
-        wanted = [self.rows[i] for i in rows]
+        rows_wanted = [self.rows[i] for i in rows]
         places: dict[int, list[int]] = {}
-        for i, row in enumerate(wanted):
+        for i, row in enumerate(rows_wanted):
             if row.source is not None:
                 places.setdefault(id(row.source), []).append(i)
         for some in places.values():
-            positions = np.array([wanted[i].position for i in some])
-            values[some] = wanted[some[0]].source.read(positions)
+            positions = np.array([rows_wanted[i].position for i in some])
+            values[some] = rows_wanted[some[0]].source.read(positions)
         return values
 
 

@@ -1,4 +1,4 @@
-"""Histories of runs on disk, each a compressed chunk with a checksum, and which of them are damaged."""
+"""Histories of runs on disk, each a compressed chunk with a checksum, and detection of damaged ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from structid.core.journal import opened_hdf5
 class FileSource:
     """Histories in an HDF5 file of this layout."""
 
-    path: Path  # The file
+    path: Path  # the file
 
     def read(self, positions: np.ndarray) -> Float[np.ndarray, "row time channel"]:
         """Read some rows."""
@@ -44,13 +44,13 @@ class FileSource:
 
 @functools.lru_cache(maxsize=256)
 def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
-    """Find the rows of a file whose history cannot be read; looked for once in every state of the file."""
+    """Find the rows of a file with unreadable histories; checked once per state of the file."""
     with opened_hdf5(path, "runs") as file:
         return frozenset(_unreadable(file["values"], np.flatnonzero(file["status"][...] != Status.PENDING)))
 
 
 def _unreadable(values: Any, rows: Iterable[int]) -> list[int]:
-    """Rows that do not have the checksum of their compression."""
+    """Rows whose compressed data fail their checksum."""
     lost = []
     for row in rows:
         try:

@@ -1,9 +1,9 @@
-"""May a posterior be believed that was not drawn from the model itself? True runs at fresh draws of it say so.
+"""The certificate of a posterior that was not drawn from the model itself, by model runs at fresh draws of it.
 
-One number carries the statement: χ, the coefficient of variation of the weights w = π/q of the true posterior π over the one that
-was drawn, q; see `weight_variation`. The certificate holds if an upper bound of χ, from few fresh draws, is small enough for every
-mean and every standard deviation. What draws of q cannot show, mass of π where q has none, the stored true runs of all rounds are
-searched for.
+One number carries the statement: χ, the coefficient of variation of the weights w = π/q of the true posterior π over the drawn
+one, q; see `weight_variation`. The certificate holds if an upper bound of χ, from few fresh draws, is small enough for every mean
+and every standard deviation. Draws of q cannot show mass of π where q has none; the stored model runs of all rounds are searched
+for it.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from structid.inference.convergence import weighted_size
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
 FEWEST_DRAWS = 15
-"""Fewer fresh draws say too little of a variance: its bound would be more than three times the estimate."""
+"""Minimum number of fresh draws: with fewer, the bound of a variance would exceed three times the estimate."""
 
 NOTHING = 10.0
-"""A bound from which on it says nothing: it is said to be more than that."""
+"""Bound above which it is reported only as "more than" this."""
 
 UNSEEN = 3.0
-"""Of n draws none falls into a set of probability 3/n with a probability of 5 %."""
+"""With a probability of 5 %, none of n draws falls into a set of probability 3/n."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class Certificate(ShownAsText):
 
     @property
     def certified(self) -> bool:
-        """Whether everything holds."""
+        """Whether all limits are met."""
         return self.verdict == "certified"
 
     @property
@@ -131,12 +131,12 @@ class Certificate(ShownAsText):
 
     @property
     def only_the_draws(self) -> bool:
-        """Whether all that speaks against a certificate are the draws themselves; true runs agree with them."""
+        """Whether only the draws themselves are insufficient, while the model runs agree with them."""
         return bool(self.doubts) and self.doubts == self.reasons
 
     @property
     def agreement(self) -> str:
-        """What it says of the drawn posterior and the model's, whatever the draws are worth."""
+        """Statement on the drawn and the model's posterior, independent of the quality of the draws."""
         if self.certified or self.only_the_draws:
             return "surrogate and model agree"
         return "they agree after re-weighting" if self.usable else "they do not agree"
@@ -161,12 +161,12 @@ class Certificate(ShownAsText):
 
     @property
     def unseen(self) -> float:
-        """Probability of the largest part of the posterior into which by chance none of the draws may have fallen."""
+        """Probability of the largest part of the posterior that all draws may have missed by chance."""
         return min(UNSEEN / self.variation.draws, 1.0)
 
     @property
     def statement(self) -> str:
-        """What it says of the figures, in a sentence."""
+        """The certified figures in a sentence."""
         mean, sd = float(self.mean_within.max()), float(self.sd_within.max())
         correlations = f"every correlation within {self.correlation_within.max():.2g}, " if len(self.names) > 1 else ""
         event = self.of_probability(0.05) + (self.monte_carlo.of_probability(0.05) if self.monte_carlo else 0.0)
@@ -189,23 +189,23 @@ class Certificate(ShownAsText):
 
     @property
     def mean_within(self) -> np.ndarray:
-        """How far each mean of the draws may be off in standard deviations, with its Monte Carlo error, shape (parameter,)."""
+        """Bound on the error of each mean of the draws [sd], including its Monte Carlo error, shape (parameter,)."""
         return self.mean_bound + (0.0 if self.monte_carlo is None else self.monte_carlo.mean)
 
     @property
     def sd_within(self) -> np.ndarray:
-        """How far each standard deviation may be off as a share of it, shape (parameter,); likewise."""
+        """Bound on the relative error of each standard deviation, likewise, shape (parameter,)."""
         chance = 0.0 if self.monte_carlo is None else self.monte_carlo.sd
         return np.asarray((1.0 + self.sd_bound) * (1.0 + chance) - 1.0)
 
     @property
     def correlation_within(self) -> np.ndarray:
-        """How far each correlation may be off, shape (parameter, parameter); likewise."""
+        """Bound on the error of each correlation, likewise, shape (parameter, parameter)."""
         return self.correlation_bound + (0.0 if self.monte_carlo is None else self.monte_carlo.correlation)
 
     @property
     def unknown(self) -> str:
-        """What it cannot know, in a sentence."""
+        """What the certificate cannot exclude, in a sentence."""
         share = f" with less than {100.0 * self.unseen:.0f} % of the probability" if self.unseen < 1.0 else ""
         return (
             f"a part of the posterior{share}, into which none of the draws fell, and a mode that no true run of any round has "
@@ -243,11 +243,11 @@ class Certificate(ShownAsText):
     def _said_of_weights(self) -> str:
         bound = self.variation.bound
         at_most = "at most" if bound < NOTHING else "perhaps by"
-        said = f"weights vary by {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
+        sentence = f"weights vary by {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
         if self.correction is None:
-            return f"{said} ({self.limits.mean:g} is allowed)"
+            return f"{sentence} ({self.limits.mean:g} is allowed)"
         return (
-            f"{said}, about a law that the runs have taught and that "
+            f"{sentence}, about a law that the runs have taught and that "
             f"differs from that of the draws in {self.correction.distance:.0%} of the probability"
         )
 
@@ -273,9 +273,9 @@ class Certificate(ShownAsText):
         dict
             By name.
         """
-        said = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights", "log_ratios")}
-        said |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
-        return _plain(said)
+        figures = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights", "log_ratios")}
+        figures |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
+        return _plain(figures)
 
 
 def judged(
@@ -289,7 +289,7 @@ def judged(
     against: tuple[str, ...] = (),
     correction: Correction | None = None,
 ) -> Certificate:
-    """Judge a posterior by true runs at fresh draws of it."""
+    """Issue a certificate from model runs at fresh draws."""
     limits = Limits() if limits is None else limits
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
@@ -299,11 +299,14 @@ def judged(
     sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) * (1.0 + lost_of_sd) - 1.0
     variation = replace(variation, bound=variation.bound + lost + fresh.beside.variation)
     correlation_off = correlation_bound(fresh, variation)
-    moved, error = shift(fresh, standardised(fresh))
+    mean_shift, error = shift(fresh, standardised(fresh))
     if correction is not None:
         mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)
         correlation_off = correction.correlation_bound(correlation_off)
-        moved, error = correction.mean + correction.sd * moved, np.hypot(correction.mean_error, correction.sd * error)
+        mean_shift, error = (
+            correction.mean + correction.sd * mean_shift,
+            np.hypot(correction.mean_error, correction.sd * error),
+        )
     middle = fresh.middle
     excess, within = stored.excess(middle, limits.reach)
     above = stored.above(fresh.highest + middle)
@@ -321,7 +324,7 @@ def judged(
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, doubts, variation, mean_off, sd_off, correlation_off, moved, error, fresh.theta, fresh.weights,
+        verdict, reasons, doubts, variation, mean_off, sd_off, correlation_off, mean_shift, error, fresh.theta, fresh.weights,
         fresh.log_ratios, look, above, excess, within, failed, true_runs, limits, names, correction, missing=fresh.missing,
     )  # fmt: skip
 
@@ -335,7 +338,7 @@ def _what_varies(
     limits: Limits,
     correction: Correction | None,
 ) -> tuple[str, ...]:
-    """What is wrong with the weights, or with what the runs have taught."""
+    """Failures of the weights, or of what the runs have taught."""
     reasons = []
     furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
     because = (
@@ -361,7 +364,7 @@ def _what_varies(
 
 
 def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -> tuple[str, ...]:
-    """What stored true runs say of probability that the draws do not visit."""
+    """Failures that stored model runs reveal: probability that the draws do not visit."""
     reasons = []
     if above > limits.above:
         reasons.append(
@@ -384,9 +387,10 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
     return tuple(reasons)
 
 
-def _plain(said: dict[str, Any]) -> dict[str, Any]:
+def _plain(figures: dict[str, Any]) -> dict[str, Any]:
     return {
-        k: v.tolist() if isinstance(v, np.ndarray) else _plain(v) if isinstance(v, dict) else v for k, v in said.items()
+        k: v.tolist() if isinstance(v, np.ndarray) else _plain(v) if isinstance(v, dict) else v
+        for k, v in figures.items()
     }
 
 

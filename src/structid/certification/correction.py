@@ -1,9 +1,8 @@
-"""What true runs have taught of an approximation: a law between it and the true posterior, whose moments cost no run.
+"""Correction by a density q′ between the drawn one q and the true posterior π, whose moments cost no model run.
 
-Let q be the law that was drawn, and q′ a law that is nearer to the true posterior π. How far the moments of q are from those of
-q′ costs no run of the model to know: both densities are functions. How far those of q′ are from those of π, true runs say.
-Where q′ is good, this is little. The sum of both is then a sharper statement on q than the weights π/q allow: they bound what
-could be, and the correction says what is.
+The differences between the moments of q and of q′ cost no run of the model, since both densities are functions. Model runs bound
+the differences between q′ and π. Where q′ is good, these are small. The sum of both is then a sharper statement on q than the
+weights π/q allow: the weights bound a possible error, while the correction measures the actual one.
 """
 
 from __future__ import annotations
@@ -16,20 +15,20 @@ from jaxtyping import Float
 from structid.certification.limits import Limits
 
 ERRORS = 3.0
-"""Monte-Carlo errors that are added to what moves a mean."""
+"""Monte-Carlo errors added to the shift of a mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """How far q′ is from q."""
+    """Difference of q′ from q."""
 
-    distance: float  # Total variation, ½ ∫|q′ − q|: no probability of an event differs by more
+    distance: float  # total variation, ½ ∫|q′ − q|: no probability of an event differs by more
     # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
     mean: Float[np.ndarray, " parameter"]
     # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
     mean_error: Float[np.ndarray, " parameter"]
-    sd: Float[np.ndarray, " parameter"]  # Standard deviation of q′ over that of q
-    correlation: Float[np.ndarray, "parameter parameter"]  # Correlations of q′ minus those of q
+    sd: Float[np.ndarray, " parameter"]  # standard deviation of q′ over that of q
+    correlation: Float[np.ndarray, "parameter parameter"]  # correlations of q′ minus those of q
 
     @classmethod
     def between(
@@ -38,7 +37,7 @@ class Correction:
         of_law: Float[np.ndarray, " point"],
         of_learnt: Float[np.ndarray, " point"],
     ) -> Correction:
-        """Compare two laws by points at which both are known."""
+        """Compare two densities by points at which both are known."""
         old, new = of_law / of_law.sum(), of_learnt / of_learnt.sum()
         middle = old @ theta
         sd = np.sqrt(old @ (theta - middle) ** 2)
@@ -56,36 +55,36 @@ class Correction:
         )
 
     def beyond(self, limits: Limits) -> bool:
-        """Whether q is so far off that it will not be certified, however well q′ is known."""
+        """Whether q is too far off to be certified, however well q′ is known."""
         return bool(
             np.abs(self.mean).max() > limits.mean
             or np.abs(self.sd - 1.0).max() > limits.sd
             or np.abs(self.correlation).max() > limits.correlation
         )
 
-    def said_of(self, place: int, name: str) -> str:
-        """Say how far a mean is off."""
+    def said_of(self, index: int, name: str) -> str:
+        """Describe the error of a mean."""
         return (
-            f"the mean of {name} lies {self.mean[place]:+.2f} ± {self.mean_error[place]:.2f} standard deviations away"
+            f"the mean of {name} lies {self.mean[index]:+.2f} ± {self.mean_error[index]:.2f} standard deviations away"
         )
 
     def mean_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """How far the means of q may be from the true ones."""
+        """Bound on the error of the means of q."""
         return np.asarray(np.abs(self.mean) + ERRORS * self.mean_error + bound * self.sd)
 
     def sd_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """How far the true standard deviations may be from those of q, as a share of these."""
+        """Bound on the relative error of the standard deviations of q."""
         return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
 
     def correlation_bound(
         self, bound: Float[np.ndarray, "parameter parameter"]
     ) -> Float[np.ndarray, "parameter parameter"]:
-        """How far the true correlations may be from those of q."""
+        """Bound on the error of the correlations of q."""
         return np.asarray(np.abs(self.correlation) + bound)
 
 
 def _correlations(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Of weighted points; those of a parameter without spread are 0."""
+    """Correlations of weighted points; those of a parameter without spread are 0."""
     away = theta - weights @ theta
     covariance = (weights[:, None] * away).T @ away
     sd = np.sqrt(np.diag(covariance))

@@ -1,4 +1,4 @@
-"""How far one density is from another, by draws of one of them."""
+"""Difference of two densities, by draws of one of them."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ def density_difference(
     """Compare a density p with q, by draws of q."""
     scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
     weights = np.exp(gap - scale)
-    moved = Correction.between(draws, np.ones(len(draws)), weights)
-    return scale, Beside(float(np.std(weights)), np.abs(moved.mean), np.abs(moved.sd - 1.0))
+    correction = Correction.between(draws, np.ones(len(draws)), weights)
+    return scale, Beside(float(np.std(weights)), np.abs(correction.mean), np.abs(correction.sd - 1.0))

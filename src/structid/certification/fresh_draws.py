@@ -1,4 +1,4 @@
-"""True runs at draws of a posterior that was not drawn from the model itself, and those of before."""
+"""Model runs at fresh draws of a posterior that was not drawn from the model itself, and the stored runs."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from structid.certification.limits import Limits
 
 
 class Beside(NamedTuple):
-    """How far laws that have not seen some draws are from q, to which they belong, on average over these laws."""
+    """Average difference from q of densities that have not seen some draws."""
 
-    variation: float = 0.0  # Coefficient of variation of their density over that of q
+    variation: float = 0.0  # coefficient of variation of their density over that of q
     # How far their means are away, in standard deviations of q, and their standard deviations, as a share
     mean: Float[np.ndarray, " parameter"] = np.zeros(1)
     # How far their means are away, in standard deviations of q, and their standard deviations, as a share
@@ -23,63 +23,63 @@ class Beside(NamedTuple):
 
     @classmethod
     def average(cls, some: Sequence[Beside]) -> Beside:
-        """Average over several laws: the triangle inequality holds for each of them, and so for their averages."""
+        """Average over several densities; the triangle inequality holds for each, and so for the average."""
         parts = [np.mean(part, axis=0) for part in zip(*some, strict=True)]
         return cls(float(parts[0]), *parts[1:])
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give everything for a journal."""
+        """Convert to arrays for a journal."""
         return {f"beside_{name}": np.asarray(value) for name, value in self._asdict().items()}
 
     @classmethod
     def of(cls, entry: Mapping[str, np.ndarray]) -> Beside:
-        """Make it again of a journal's entry, which may say more."""
+        """Rebuild from a journal entry, which may contain more."""
         return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
 THEMSELVES = Beside()
-"""Of laws that are q."""
+"""The difference of q from itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreshDraws:
-    """Draws of q, or of something wider, at which the true model was run, and what is known of q besides."""
+    """Draws of q, or of a wider density, at which the model was run."""
 
-    theta: Float[np.ndarray, "draw parameter"]  # In SI; no surrogate was fitted to them
+    theta: Float[np.ndarray, "draw parameter"]  # in SI; no surrogate was fitted to them
     # The same as their means and standard deviations are compared; see `Target.compared`
     compared: Float[np.ndarray, "draw parameter"]
-    log_true: Float[np.ndarray, " draw"]  # Log density of π there up to a constant, −inf where the true run failed
-    log_drawn: Float[np.ndarray, " draw"]  # Log density of q, likewise
+    log_true: Float[np.ndarray, " draw"]  # log π there up to a constant, −inf where the model run failed
+    log_drawn: Float[np.ndarray, " draw"]  # log q there, up to a constant
     # What each counts in an average over q: one for plain draws, see `weight_variation`
     shares: Float[np.ndarray, " draw"]
-    population: Float[np.ndarray, "point parameter"]  # Many draws of q, as they are compared
-    highest: float  # Largest log density of q among them
+    population: Float[np.ndarray, "point parameter"]  # many draws of q, in the compared quantities
+    highest: float  # largest log q among them
     # Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing
     impossible: Bool[np.ndarray, " draw"] | None = None
-    beside: Beside = THEMSELVES  # How far the laws that `log_drawn` belongs to are from q
+    beside: Beside = THEMSELVES  # average difference from q of the densities behind `log_drawn`
     # Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there
     missing: float = 0.0
 
     @property
     def log_ratios(self) -> np.ndarray:
-        """Of each draw, log π/q; −inf where a true run failed."""
+        """Log π/q of each draw; −inf where a model run failed."""
         return np.where(np.isfinite(self.log_true), self.log_true - self.log_drawn, -np.inf)
 
     @property
     def middle(self) -> float:
-        """Median of log π/q over the draws whose true run finished."""
+        """Median of log π/q over the draws with a completed model run."""
         ratios = self.log_ratios[np.isfinite(self.log_ratios)]
         return float(np.median(ratios)) if len(ratios) else 0.0
 
     @property
     def spread(self) -> float:
-        """Standard deviation of log π/q over plain draws; infinite where a true run failed, or without draws."""
+        """Standard deviation of log π/q over plain draws; infinite where a model run failed, or without draws."""
         ratios = self.log_ratios[np.isfinite(self.log_true)]
         return float(np.std(ratios)) if len(ratios) and self.failed == 0 else float("inf")
 
     @property
     def failed(self) -> int:
-        """Draws whose true run failed."""
+        """Draws whose model run failed."""
         stopped = ~np.isfinite(self.log_true)
         return int((stopped if self.impossible is None else stopped & ~self.impossible).sum())
 
@@ -95,7 +95,7 @@ class FreshDraws:
 
 @dataclass(frozen=True, eq=False)
 class StoredRuns:
-    """Log densities at true runs of all rounds."""
+    """Log densities at the model runs of all rounds."""
 
     # Log densities of π and of q there, at the same discrepancy
     log_true: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
@@ -107,11 +107,11 @@ class StoredRuns:
         return np.asarray(np.isfinite(self.log_true))
 
     def above(self, highest: float) -> float:
-        """By how much the best run exceeds the best draw."""
+        """Excess of the best run over the best draw."""
         return float(self.log_true[self._ran].max() - highest) if self._ran.any() else float("-inf")
 
     def excess(self, middle: float, reach: float) -> tuple[float, int]:
-        """Largest log π/q of the runs that matter, above the median over the draws."""
+        """Largest log π/q of the relevant runs, relative to the median over the draws."""
         if not self._ran.any():
             return float("-inf"), 0
         near = self._ran & (self.log_true >= self.log_true[self._ran].max() - reach)
@@ -119,7 +119,7 @@ class StoredRuns:
         return float(gap.max() - middle), int(near.sum())
 
     def understated(self, middle: float, limits: Limits) -> int:
-        """Count runs beyond reach that q understates by more than a share of their depth below the best."""
+        """Number of runs out of reach that q understates by more than a fraction of their depth below the best."""
         if not self._ran.any():
             return 0
         depth = self.log_true[self._ran].max() - self.log_true[self._ran]

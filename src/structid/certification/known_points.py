@@ -1,4 +1,4 @@
-"""Points at which the true posterior is known."""
+"""Points with known true log density."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ Points = tuple[np.ndarray, np.ndarray]
 
 
 def joined(first: Points, then: Points) -> Points:
-    """Put points behind others."""
+    """Append points to others."""
     return np.concatenate([first[0], then[0]]), np.concatenate([first[1], then[1]])

@@ -1,4 +1,4 @@
-"""What a certificate must meet."""
+"""The limits that a certificate must meet."""
 
 from __future__ import annotations
 

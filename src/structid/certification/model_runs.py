@@ -1,4 +1,4 @@
-"""Runs of the true model, at the points that a calibration asks for."""
+"""Model runs at the points requested by a calibration."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
 
 Tell = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and the total."""
+"""Called with the current activity, the amount done, and the total."""
 
 NOISE = 0.01
-"""Difference of log densities at one point from which on a model is said to give different answers [nat]."""
+"""Difference of log densities at one point above which a model is considered noisy [nat]."""
 
 
 class TrueRuns:
-    """Points, and the true model's responses there to every record."""
+    """Points, and the model's responses there to every record."""
 
     def __init__(
         self,
@@ -48,12 +48,12 @@ class TrueRuns:
 
     @property
     def runs(self) -> Runs:
-        """All that were made."""
+        """All runs made so far."""
         assert self._done is not None  # `make` comes first
         return self._done
 
     def make(self, points: Float[np.ndarray, "point parameter"] | None = None) -> None:
-        """Run the model at every point where it has not been run."""
+        """Run the model at every new point."""
         if points is not None:
             self.points = np.concatenate([self.points, points])
         if self.folder is not None:
@@ -66,12 +66,12 @@ class TrueRuns:
             self._done = runs if self._done is None else self._done + runs
 
     def refuse_another(self) -> None:
-        """See that the stored runs are those of this model and engine."""
+        """Check that the stored runs belong to this model and engine."""
         if self.folder is not None:
             self._campaign.refuse_another()
 
     def adopt(self) -> None:
-        """Take over the stored runs of another version of the model; those that failed will be repeated."""
+        """Adopt the stored runs of another version of the model; failed ones will be repeated."""
         self._campaign.adopt()
         self.retry = True
 
@@ -89,7 +89,7 @@ class TrueRuns:
             self.tell("true runs", ended, total)
 
     def refuse_hopeless(self) -> None:
-        """Stop where none of the first runs has finished: the others would fail for the same reason."""
+        """Stop if none of the first runs has completed: the others would fail for the same reason."""
         if self.runs.done.any() or (self.runs.status == Status.STRUCTURE_FAILED).any():
             return
         reason, _ = self.runs.failures[0]
@@ -100,7 +100,7 @@ class TrueRuns:
         )
 
     def refuse_rest(self) -> None:
-        """Refuse a model whose responses do not move: nothing can be learnt from them."""
+        """Refuse a model whose responses are constant."""
         values = self.runs.values[self.runs.done]
         if not len(values):
             return
@@ -125,11 +125,11 @@ class TrueRuns:
             responses.append(np.where(some.done[:, None, None], values, np.nan))
         return responses
 
-    def once_more(self, place: int) -> list[np.ndarray]:
-        """Run the model at a known point again, to see whether it gives the same answer."""
+    def once_more(self, index: int) -> list[np.ndarray]:
+        """Repeat the run of a known point, to check that the model is deterministic."""
         other = copy.copy(self)
-        other.points, other._done = self.points[[place]], None
-        other.folder = None if self.folder is None else self.folder / f"once_more_{place}"
+        other.points, other._done = self.points[[index]], None
+        other.folder = None if self.folder is None else self.folder / f"once_more_{index}"
         other.make()
         return other.responses()
 
@@ -140,11 +140,11 @@ class TrueRuns:
 
     @property
     def finished(self) -> np.ndarray:
-        """Points whose runs have finished on every record, shape (point,)."""
+        """Points whose runs have completed on every record, shape (point,)."""
         return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
 
     def collapsed(self, points: slice) -> Bool[np.ndarray, " point"]:
-        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself."""
+        """Points at which the structure failed on some record: the model considers them impossible, and has not failed itself."""
         status = self.runs.status.reshape(len(self.points), len(self.records))[points]
         return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
 
@@ -153,7 +153,7 @@ class TrueRuns:
 
 
 def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
-    """Say that a point that was run twice has two densities."""
+    """Report that a repeated point has two densities."""
     difference = abs(again - log_density)
     if not difference > NOISE:
         return ()

@@ -1,4 +1,4 @@
-"""How far weights move means and standard deviations, and how far the true ones may be from those that were drawn."""
+"""Bounds on the errors of means, standard deviations and correlations from the variation of the weights."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from structid.certification.weight_variation import WeightVariation
 
 
 def standardised(fresh: FreshDraws) -> Float[np.ndarray, "draw parameter"]:
-    """Give the draws in standard deviations of q from its mean."""
+    """Draws in standard deviations of q from its mean."""
     return _in_sds(fresh.compared, fresh.population)
 
 
 def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tuple[np.ndarray, np.ndarray]:
     """E_q (w − 1) f of functions of the parameters."""
     plain = fresh.shares / fresh.shares.sum()
-    moved = (fresh.weights - plain) @ values
+    shifts = (fresh.weights - plain) @ values
     # Of a self-normalised estimate.
-    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * moved
-    return moved, np.sqrt(np.sum(contributions**2, axis=0))
+    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * shifts
+    return shifts, np.sqrt(np.sum(contributions**2, axis=0))
 
 
 def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
-    """How far each standard deviation may be off, as a share of it.
+    """Bound on the relative error of each standard deviation.
 
-    Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
-    there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
-    parameters are bounded at once. Where a marginal has long tails, the draws say more.
+    The smaller of two bounds on the shift of the variance applies: that by χ, which assumes the worst possible weights, and that
+    by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged like χ, and all parameters are bounded
+    simultaneously. Where a marginal has long tails, the draws are more informative.
     """
     estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
     quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
@@ -42,10 +42,10 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray,
 
 
 def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, "parameter parameter"]:
-    """How far the correlation of each two parameters may be off.
+    """Bound on the error of the correlation of every two parameters.
 
-    A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This is
-    χ sd_q(f) at most, for normal ones χ (1 − ρ²), and the square of χ bounds what the means take away.
+    A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This
+    is at most χ sd_q(f), for normal ones χ (1 − ρ²), and the square of χ bounds the effect of the means.
     """
     z = _in_sds(fresh.population, fresh.population)
     rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
@@ -60,7 +60,7 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np
 
 
 def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
-    """How far means and standard deviations may be off because q is zero where a share δ of π lies.
+    """Bounds on the errors of means and standard deviations because q is zero where a fraction δ of π lies.
 
     If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
     """
@@ -69,7 +69,7 @@ def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float
 
 
 def _of_sd(of_variance: np.ndarray) -> np.ndarray:
-    """Largest relative error of a standard deviation whose variance is off by a share."""
+    """Largest relative error of a standard deviation, given that of its variance."""
     return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
 
 

@@ -1,4 +1,4 @@
-"""How far averages over draws may be from those of the law that they come from: their Monte Carlo error."""
+"""Monte Carlo error of averages over draws."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from structid.inference.convergence import standard_error
 
 @dataclass(frozen=True, eq=False)
 class MonteCarloError:
-    """How far moments of draws may be from those of their law, with the confidence of a certificate."""
+    """Bounds on the Monte Carlo error of the moments of draws, with the confidence of a certificate."""
 
-    mean: Float[np.ndarray, " parameter"]  # Of every mean, in standard deviations
-    sd: Float[np.ndarray, " parameter"]  # Of every standard deviation, as a share of it
-    correlation: Float[np.ndarray, "parameter parameter"]  # Of every correlation
-    size: float  # Number of independent draws whose means would be as uncertain as the most uncertain of these
-    confidence: float  # With which all of them hold
+    mean: Float[np.ndarray, " parameter"]  # of every mean, in standard deviations
+    sd: Float[np.ndarray, " parameter"]  # of every standard deviation, relative to it
+    correlation: Float[np.ndarray, "parameter parameter"]  # of every correlation
+    size: float  # number of independent draws with the same error as the least certain mean
+    confidence: float  # simultaneous confidence
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
-        """Reckon it from the draws and the order in which they were drawn.
+        """Estimate it from the draws in the order in which they were drawn.
 
-        By the central limit theorem for chains, the mean of a function f over draws is off by its standard error times a normal
+        By the central limit theorem for chains, the mean of a function f over draws errs by its standard error times a normal
         quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for a correlation
         ρ, to first order, z_i z_j − ½ ρ (z_i² + z_j²).
         """
@@ -43,11 +43,11 @@ class MonteCarloError:
         return cls(one * of_mean, one * of_sd, pairs * of_correlation, float(of_mean.max() ** -2), confidence)
 
     def of_probability(self, p: float) -> float:
-        """How far the share of the draws at which an event happens may be from its probability."""
+        """Bound on the difference between the fraction of draws in an event and its probability."""
         return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
 
     def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Say that there are too few draws, whatever law they come from."""
+        """Report too few draws, whatever their density."""
         of_correlation = self.correlation.max(axis=1)
         kinds = [
             (self.mean / limits.mean, "the mean", [f"{x:.2g} standard deviations" for x in self.mean], f"{limits.mean:g}"),
@@ -72,5 +72,5 @@ def _error(values: np.ndarray) -> float:
 
 
 def _quantile(confidence: float, count: int) -> float:
-    """Normal quantile with which as many two-sided statements hold at once."""
+    """Normal quantile for a number of simultaneous two-sided statements."""
     return float(scipy.stats.norm.ppf(1.0 - 0.5 * (1.0 - confidence) / count))

@@ -1,4 +1,4 @@
-"""The true posterior at points that are asked for while a certificate is made."""
+"""The true posterior at points requested during a certification."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.inference.target import Target
 
 
 class Truth:
-    """The true posterior at the points that are asked for, one set after another."""
+    """The true posterior at requested points, one set after another."""
 
     def __init__(self, posterior: Target, folder: Path | None, executor: Any, tell: Tell | None) -> None:
         self.posterior, self.folder, self.executor, self.tell = posterior, folder, executor, tell
@@ -25,13 +25,13 @@ class Truth:
 
     def at(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Run the model."""
-        found = self._run(theta)
-        found = np.where(np.isfinite(found), found, -np.inf)
-        self.theta, self.log_density = np.concatenate([self.theta, theta]), np.concatenate([self.log_density, found])
-        return found
+        log_true = self._run(theta)
+        log_true = np.where(np.isfinite(log_true), log_true, -np.inf)
+        self.theta, self.log_density = np.concatenate([self.theta, theta]), np.concatenate([self.log_density, log_true])
+        return log_true
 
     def twice(self) -> tuple[str, ...]:
-        """Run the first point again: what has two densities there is no function."""
+        """Repeat the first point: a model with two densities at one point is no function."""
         return noise_doubts(float(self.log_density[0]), float(self._run(self.theta[:1])[0]))
 
     @property

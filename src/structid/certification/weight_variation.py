@@ -1,4 +1,4 @@
-"""How unequal importance weights are: their coefficient of variation χ, and a bound for it from few draws.
+"""Variation of importance weights: their coefficient of variation χ, and a bound for it from few draws.
 
 With π the true posterior, q the one that was drawn from and w = π/q, scaled so that E_q w = 1, χ = sd_q(w). For every function f of
 the parameters E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the inequality of Cauchy and Schwarz
@@ -20,15 +20,15 @@ from jaxtyping import Float
 from structid.inference.convergence import weighted_size
 
 KURTOSIS = 6.0
-"""Smallest kurtosis of the weights that the bound reckons with: twice a normal law's, since errors of a surrogate are largest in
-the tails. Where the draws themselves show a larger one, that is taken."""
+"""Smallest kurtosis of the weights that the bound assumes: twice that of a normal distribution, since a surrogate errs most in
+the tails. A larger one in the draws is used instead."""
 
 NOISE = 0.02
-"""Standard deviation of noise that is added to the weights, in thought, and taken away again from the bound. One weight that stands
-out of others that hardly vary says little of a variance; it says more of a variance to which that of the noise was added."""
+"""Standard deviation of noise that is formally added to the weights and subtracted from the bound. One outlier among weights
+that hardly vary says little about a variance; it says more about a variance that includes that of the noise."""
 
 LEAST_QUANTILE = 1e-12
-"""A smaller one bounds nothing: a few weights outweigh all others."""
+"""Smallest usable quantile; below it a few weights outweigh all others and nothing is bounded."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class WeightVariation:
     estimate: float  # χ̂ from the draws; infinite where all weights but one vanish
     # U, which is above χ with the confidence asked for if the weights are no more heavy-tailed than they look
     bound: float
-    confidence: float  # That
-    draws: float  # Effective number of draws behind it
+    confidence: float  # confidence of the bound
+    draws: float  # effective number of draws
     # How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise
     inflation: float = 1.0
 
@@ -74,7 +74,7 @@ def weight_variation(
 
 
 def _bound(variance: float, fourth: float, noise: float, count: float, confidence: float) -> float:
-    """U, by weights to which independent normal noise was added, whose variance and fourth moment are known."""
+    """U, from weights with added independent normal noise, whose variance and fourth moment are known."""
     spread = variance + noise**2
     kurtosis = (fourth + 6.0 * variance * noise**2 + 3.0 * noise**4) / spread**2
     freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)

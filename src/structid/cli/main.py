@@ -1,4 +1,4 @@
-"""The command line: `structid COMMAND`, and what becomes of an error."""
+"""The command line: `structid COMMAND`, and the handling of errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def about(
 
 
 def application() -> typer.Typer:
-    """Put the registered commands together."""
+    """Combine the registered commands."""
     app = typer.Typer(
         no_args_is_help=True,
         pretty_exceptions_enable=False,
@@ -37,7 +37,7 @@ def application() -> typer.Typer:
 
 
 def _stopped_by_the_system(number: int, frame: Any) -> None:
-    """Treat a polite kill, as batch systems send it, like Ctrl-C."""
+    """Treat a termination signal, as batch systems send it, like Ctrl-C."""
     raise KeyboardInterrupt
 
 

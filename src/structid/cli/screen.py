@@ -1,4 +1,4 @@
-"""The screen: what commands print, their progress bars, and the exit codes they leave."""
+"""The screen: output of commands, progress bars, exit codes."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ NOT_CONVERGED = 3
 """Exit code: done, but not converged or not certified."""
 
 SILENCE = 30.0
-"""Seconds after which a stage that goes on says so where there is no terminal."""
+"""Interval [s] of status lines of a long stage without a terminal."""
 
 LOGGED = ("calibration", "inference")
-"""Rooms whose findings are shown on the way."""
+"""Loggers whose messages are shown during a run."""
 
 screen = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
@@ -37,14 +37,14 @@ errors = Console(stderr=True, highlight=False)
 
 @contextmanager
 def stage(name: str, passing: bool = False) -> Iterator[Any]:
-    """Show how much of a stage is done: a progress bar, or lines where there is no terminal."""
-    with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as told:
-        yield told
+    """Show the progress of a stage: a bar, or lines without a terminal."""
+    with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as report:
+        yield report
 
 
 @contextmanager
 def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
-    """A bar with rate and time left."""
+    """A bar with rate and remaining time."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -79,8 +79,8 @@ def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
-    """A line at the end, and one every half minute: for a file, or the output of a batch queue."""
-    began = said = time.monotonic()
+    """A line at the end, and one every half minute, for a file or a batch queue."""
+    began = reported = time.monotonic()
     of, lost = "", ""
 
     def say(done: str, end: str = "") -> None:
@@ -89,10 +89,10 @@ def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
             screen.print(f"{name:<30} {done + of + lost:>13}  {after}", markup=False, soft_wrap=True)
 
     def told(done: int, total: int, failed: int = 0) -> None:
-        nonlocal said, of, lost
+        nonlocal reported, of, lost
         of, lost = f"/{total:,}", f", {failed} failed" if failed else ""
-        if time.monotonic() > said + SILENCE:
-            said = time.monotonic()
+        if time.monotonic() > reported + SILENCE:
+            reported = time.monotonic()
             say(f"{done:,}", ", going on")
 
     yield told
@@ -101,7 +101,7 @@ def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def findings_on_screen() -> Iterator[None]:
-    """Print what is found on the way as it is logged: every round of a calibration, the law of the errors."""
+    """Print findings as they are logged: every round of a calibration, the error model."""
     logs, handler = [logging.getLogger(f"structid.{room}") for room in LOGGED], _OnScreen(logging.INFO)
     levels = [log.level for log in logs]
     for log in logs:
@@ -116,14 +116,14 @@ def findings_on_screen() -> Iterator[None]:
 
 
 class _OnScreen(logging.Handler):
-    """Messages of a log on the screen, above a progress bar."""
+    """Log messages on the screen, above a progress bar."""
 
     def emit(self, record: logging.LogRecord) -> None:
         screen.print(record.getMessage(), style="bold", markup=False, soft_wrap=True)
 
 
 def print_table(heads: list[str], rows: list[list[str]]) -> None:
-    """Print a table: a row for each thing where the screen is wide enough, else a block."""
+    """Print a table: one row per item where the screen is wide enough, else a block."""
     from structid.inference.model_comparison.comparison import aligned
 
     lines = aligned(heads, rows)
@@ -137,7 +137,7 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
 
 def finish(outcome: StudyOutcome) -> None:
-    """Say what a study has found. The exit code says whether to believe it."""
+    """Print the result of a study. The exit code shows whether to believe it."""
     screen.print()
     if outcome.parameter_study is not None:
         screen.print(str(outcome.parameter_study), markup=False, soft_wrap=True)
@@ -164,8 +164,8 @@ def finish(outcome: StudyOutcome) -> None:
         )
         screen.print()
     if outcome.calibration is not None:
-        said = str(outcome.calibration.certificate)
-        screen.print(said, style="green" if outcome.trusted else "bold red", markup=False, soft_wrap=True)
+        certificate = str(outcome.calibration.certificate)
+        screen.print(certificate, style="green" if outcome.trusted else "bold red", markup=False, soft_wrap=True)
         screen.print()
     verdict = outcome.result.verdict()
     good = verdict.converged and not verdict.doubt

@@ -1,4 +1,4 @@
-"""The secret that a specimen's server and its clients share: from a file or the environment, never on the command line."""
+"""The shared secret of a specimen's server and its clients: from a file or the environment, never on the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from structid.core.errors import InputError
 
 VARIABLE = "STRUCTID_SPECIMEN_SECRET"
-"""Of the environment."""
+"""Environment variable with the secret."""
 
 SecretFile = Annotated[
     Path | None,

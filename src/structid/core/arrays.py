@@ -1,4 +1,4 @@
-"""The type of arrays that may be NumPy's or JAX's, for signatures that give their shape."""
+"""The type of arrays that are NumPy's outside JAX and JAX's inside it, for signatures."""
 
 from __future__ import annotations
 

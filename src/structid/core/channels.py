@@ -1,4 +1,4 @@
-"""Names of response channels that everybody uses, and the units they are kept and shown in."""
+"""Standard names of response channels and their units."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from structid.core.units import factor_of, si_unit
 
 
 class ChannelUnit(NamedTuple):
-    """Units of a channel."""
+    """SI unit and display unit of a channel."""
 
-    si: str  # What its values are in; empty for a channel whose dimension is not known
-    display: str  # What tables and figures show
+    si: str  # SI unit of the values; empty for an unknown dimension
+    display: str  # unit in tables and figures
 
 
 UNKNOWN = ChannelUnit("", "")
-"""Of a channel whose name says nothing and whose model says nothing."""
+"""Units of a channel that neither its name nor its model declares."""
 
 STANDARD_CHANNELS = {
     "displacement": ChannelUnit("m", "mm"),
@@ -44,35 +44,35 @@ STANDARD_CHANNELS = {
     "input_energy": ChannelUnit("J", "J"),
     "load_energy": ChannelUnit("J", "J"),
 }
-"""Units of the names that built-in models use. A model with other channels declares their units itself."""
+"""Units of the channels of built-in models. A model with other channels declares their units itself."""
 
 OF_A_POINT = ("ux_", "uy_")
-"""How names of displacements of a point begin: ``"ux_top_left"`` is its horizontal one."""
+"""Prefixes of point displacements: ``"ux_top_left"`` is a horizontal displacement."""
 
 
 def base_channel(channel: str) -> str:
-    """Strip the storey from a channel's name."""
+    """Remove the storey number from a channel name."""
     head, _, tail = channel.rpartition("_")
     return head if tail.isdigit() else channel
 
 
 def standard_unit(channel: str) -> ChannelUnit:
-    """Return the units that a channel's name stands for."""
+    """Return the units that a channel name implies."""
     of_a_point = STANDARD_CHANNELS["displacement"] if channel.startswith(OF_A_POINT) else UNKNOWN
     return STANDARD_CHANNELS.get(base_channel(channel), of_a_point)
 
 
 def declared_unit(channel: str, unit: str) -> ChannelUnit:
-    """Return the units of a channel whose display unit somebody declares."""
-    known = standard_unit(channel)
-    if known.si:
-        factor_of(unit, known.si, f"unit of the channel '{channel}'")
-        return known
+    """Return the units of a channel for a declared display unit."""
+    standard = standard_unit(channel)
+    if standard.si:
+        factor_of(unit, standard.si, f"unit of the channel '{channel}'")
+        return standard
     return ChannelUnit(si_unit(unit), unit)
 
 
 def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Return `channels` as a tuple if all are known and none is named twice."""
+    """Return `channels` as a tuple; refuse unknown and repeated names."""
     names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
     for name in names:
         if name not in known and f"absolute_{name}" in known:

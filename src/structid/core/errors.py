@@ -1,4 +1,4 @@
-"""Exceptions that say what to do, and the status of a run."""
+"""Exceptions, warnings, and the status of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import IntEnum
 
 
 class StructidError(Exception):
-    """Base of every error structid raises on purpose."""
+    """Base class of every error that structid raises on purpose."""
 
 
 class InputError(StructidError, ValueError):
@@ -37,7 +37,7 @@ class InputError(StructidError, ValueError):
 
 @contextmanager
 def undamaged(path: object, content: str) -> Iterator[None]:
-    """Say of a file that cannot be read what it was, and what is lost with it."""
+    """Explain which file cannot be read and what is lost with it."""
     try:
         yield
     except StructidError:
@@ -53,7 +53,7 @@ def undamaged(path: object, content: str) -> Iterator[None]:
 
 @contextmanager
 def within(where: str) -> Iterator[None]:
-    """Say in a refusal where in the user's file the cause stands."""
+    """Add the place in the user's file to an error message."""
     try:
         yield
     except InputError as error:
@@ -61,35 +61,35 @@ def within(where: str) -> Iterator[None]:
 
 
 class StoreMismatchError(InputError):
-    """A store on disk belongs to another study; it is refused and left as it is."""
+    """A store on disk belongs to another study. It is refused and left unchanged."""
 
 
 class StoreError(StructidError):
-    """A store on disk cannot be written; what it holds is safe, and the message says how to go on."""
+    """A store on disk cannot be written. Its contents are safe, and the message says how to continue."""
 
 
 class CampaignStoppedError(StructidError):
-    """A campaign could not go on, for a reason that is not the fault of a single run. What is finished is stored."""
+    """A campaign stopped for a reason outside a single run. Finished runs are stored."""
 
 
 class ConvergenceError(StructidError):
-    """A numerical procedure could not deliver what was asked, and the cause is not the caller's input."""
+    """A numerical procedure failed to converge on valid input."""
 
 
 class StructidWarning(UserWarning):
-    """Something that the caller should know about. Like any warning, it can be silenced or turned into an error."""
+    """Base class of structid's warnings. Like any warning, it can be silenced or turned into an error."""
 
 
 class UnlikeMeasuredWarning(StructidWarning):
-    """Runs of a model are not like the measurement: a unit, a sign or a clock is probably wrong."""
+    """Model runs differ from the measurement so much that a unit, a sign or a clock is probably wrong."""
 
 
 class Status(IntEnum):
-    """What became of one run of a model.
+    """How a run of a model ended.
 
-    A run that failed (diverged, failed, timed out) says nothing about the structure. It is left out of fits, and may be tried
-    again. A run in which the structure failed (it collapsed, or passed a limit) is data. Its end came before the record's, and it
-    would end the same way again.
+    A failed run (diverged, failed, timed out) contains no information about the structure. Fits leave it out, and it may be
+    repeated. A run in which the structure failed (it collapsed or passed a limit) is data: the same run would end in the same
+    way.
     """
 
     DONE = 0
@@ -101,12 +101,12 @@ class Status(IntEnum):
 
     @property
     def words(self) -> str:
-        """In words, such as ``"timed out"``."""
+        """The status in words, such as ``"timed out"``."""
         return self.name.lower().replace("_", " ")
 
     @property
     def run_failed(self) -> bool:
-        """Whether the run says nothing about the structure, and might end differently if it were tried again."""
+        """Whether the run itself failed, so that it contains no information and may be repeated."""
         return self in (Status.DIVERGED, Status.FAILED, Status.TIMED_OUT)
 
 
@@ -122,11 +122,11 @@ ABBREVIATIONS = {
     "emcee": "aies",
     "tmcmc": "smc",
 }
-"""What is meant by abbreviations of the field that are unlike the names here."""
+"""Common abbreviations whose full names in this package look different."""
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Say which known name is nearest to a wrong one."""
+    """Return the known name closest to a misspelt one."""
     names = list(known)
     meant = ABBREVIATIONS.get(name.lower())
     close = [meant] if meant in names else difflib.get_close_matches(name, names, n=1, cutoff=0.5)
@@ -134,7 +134,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 
 def check_choice(where: str, value: str, allowed: Iterable[str]) -> str:
-    """Return `value` if it is one of `allowed`, else raise with the nearest allowed one."""
+    """Return `value` if it is allowed; otherwise raise an error that suggests the closest allowed value."""
     names = list(allowed)
     if value not in names:
         raise InputError(where, f"'{value}'", ", ".join(f"'{n}'" for n in names), suggestion(str(value), names))

@@ -1,4 +1,4 @@
-"""Hashes of what a result depends on: arrays, settings, and what a function does."""
+"""Content hashes of arrays, settings and functions, for stores that must not be mixed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def digest(*parts: Any) -> str:
-    """Short content hash of arrays and of anything that JSON can represent."""
+    """Short content hash of arrays and JSON-compatible values."""
     sha = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
@@ -24,16 +24,16 @@ def digest(*parts: Any) -> str:
 
 
 def function_identity(function: Any) -> str:
-    """Hash of what a function does, as far as this can be determined.
+    """Hash of a function's behaviour, as far as it can be determined.
 
-    The hash covers its code, its defaults, the variables of its closure, and everything that it uses from its own module:
-    other functions and classes, numbers, texts and arrays. Names imported from other modules count by name only.
+    The hash covers the code, defaults and closure of the function, and everything it uses from its own module: functions,
+    classes, numbers, strings and arrays. Names imported from other modules count by name only.
     """
     return digest(_described(function, set()))
 
 
 def _described(value: Any, seen: set[int]) -> Any:
-    """Represent a value by something that JSON can write; `seen` stops recursions."""
+    """Represent a value in JSON-compatible form; `seen` prevents infinite recursion."""
     if isinstance(value, (str, int, float, bool, type(None))):
         return value
     if isinstance(value, (bytes, complex)):
@@ -75,14 +75,14 @@ _NOT_BEHAVIOUR = (
     "__firstlineno__",
     "__static_attributes__",
 )
-"""Members of a class that have no effect on what it does."""
+"""Members of a class that do not affect its behaviour."""
 
 
 def _described_object(value: Any, seen: set[int]) -> Any:
-    """Represent the type and the content of an object; its attribute ``identity``, if it is a text, is used instead."""
-    own = getattr(value, "identity", None)
-    if isinstance(own, str):
-        return own
+    """Represent the type and content of an object, or its string attribute ``identity`` where it has one."""
+    identity = getattr(value, "identity", None)
+    if isinstance(identity, str):
+        return identity
     if isinstance(value, property):
         return [_described(f, seen) for f in (value.fget, value.fset)]
     inner = next((getattr(value, n) for n in ("__wrapped__", "py_func", "__func__") if hasattr(value, n)), None)
@@ -105,16 +105,16 @@ def _described_object(value: Any, seen: set[int]) -> Any:
 def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
     home = function.__globals__
     used = {name: home[name] for name in sorted(_names_in(function.__code__)) if name in home}
-    own = {name: v for name, v in used.items() if getattr(v, "__module__", home["__name__"]) == home["__name__"]}
-    foreign = {name: getattr(v, "__qualname__", type(v).__qualname__) for name, v in used.items() if name not in own}
+    local = {name: v for name, v in used.items() if getattr(v, "__module__", home["__name__"]) == home["__name__"]}
+    foreign = {name: getattr(v, "__qualname__", type(v).__qualname__) for name, v in used.items() if name not in local}
     closure = [_described(cell.cell_contents, seen) for cell in function.__closure__ or ()]
     defaults = [_described(v, seen) for v in (function.__defaults__ or ())]
     keywords = {k: _described(v, seen) for k, v in (function.__kwdefaults__ or {}).items()}
-    globals_used = {name: _described(v, seen) for name, v in own.items()}
+    globals_used = {name: _described(v, seen) for name, v in local.items()}
     return [_described(function.__code__, seen), closure, defaults, keywords, globals_used, foreign]
 
 
 def _names_in(code: types.CodeType) -> set[str]:
-    """Global names that a piece of code may use, including the functions inside it."""
+    """Global names used by a code object and the functions inside it."""
     inner = [_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)]
     return set(code.co_names).union(*inner)

@@ -1,4 +1,4 @@
-"""An append-only journal on disk that survives a kill at any moment."""
+"""An append-only journal on disk that survives a kill at any moment, and safe reading and writing of files."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _FRAME = struct.Struct("<QI")  # payload length, CRC-32
 
 
 class Journal:
-    """A file of entries, each a dictionary of arrays. An entry that was written completely is never lost.
+    """A file of entries, each a dictionary of arrays. A completely written entry is never lost.
 
-    An entry is on disk (``fsync``) before `append` returns. Each entry has its length and checksum, so that a last entry
-    that a kill has left incomplete is recognised; the next entry overwrites it.
+    `append` returns after the entry is on disk (``fsync``). Each entry has its length and checksum, so that an incomplete last
+    entry is recognised; the next entry overwrites it.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
@@ -70,7 +70,7 @@ class Journal:
         return end
 
     def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
-        """Copy a journal that is damaged in its middle. A kill damages only the last entry; here later entries would be lost."""
+        """Copy a journal that is damaged in the middle: a kill damages only the last entry, so intact entries may follow."""
         file.seek(end)
         head = file.read(_FRAME.size)
         if len(head) < _FRAME.size:
@@ -92,13 +92,13 @@ class Journal:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Journal:
-        """Open a journal with any identity, to read it."""
+        """Open a journal of any identity for reading."""
         return cls(path, _identity_of(Path(path)))
 
     @staticmethod
     def entries_after(path: str | os.PathLike[str], place: int) -> tuple[list[dict[str, np.ndarray]], int]:
-        """Read what has been written since, beside the process that writes."""
-        found = []
+        """Read the entries written after a position, while another process may still write."""
+        entries = []
         with Path(path).open("rb") as file:
             file.seek(place or len(_MAGIC))
             if place == 0 and _read_frame(file) is None:
@@ -106,9 +106,9 @@ class Journal:
             end = file.tell()
             while (payload := _read_frame(file)) is not None:
                 with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
-                    found.append({name: entry[name] for name in entry.files})
+                    entries.append({name: entry[name] for name in entry.files})
                 end = file.tell()
-        return found, end
+        return entries, end
 
     def remove(self) -> None:
         """Delete the file; the next entry starts a new one."""
@@ -116,7 +116,7 @@ class Journal:
         self._end = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one entry to disk; it is safe there when this returns."""
+        """Write one entry; it is safe on disk when this returns."""
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
         framed = _frame(buffer.getvalue())
@@ -165,11 +165,11 @@ def write_then_rename(path: Path, content: bytes) -> None:
 
 
 READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
-"""Version that wrote each layout. Random streams are others from 0.2 on, and last digits from 0.3 on."""
+"""Version that wrote each layout. Random streams changed in 0.2, last digits in 0.3."""
 
 
 def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
-    """Refuse a store of another version, and say which version reads it."""
+    """Refuse a store of another layout, and name the version that reads it."""
     if found == expected or expected is None:
         return
     version = READERS.get(1 if found is None else found)
@@ -186,12 +186,12 @@ CURES = {
     "model": "To keep the runs of an earlier version of the solver: --adopt, in Python adopt=True.",
     "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
 }
-"""What to do where nothing else differs."""
+"""What to do where two identities differ in nothing else."""
 
 
 @contextmanager
 def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
-    """Open an HDF5 file that somebody names, and tell one that is damaged from one that never was such a file."""
+    """Open an HDF5 file; distinguish a damaged file from a file of another format."""
     import h5py
 
     given = Path(path)
@@ -207,7 +207,7 @@ def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
-    """Refuse a store with another identity, and report what differs."""
+    """Refuse a store with another identity, and report the differences."""
     refuse_other_layout(path, found.get("schema"), expected.get("schema"))
     differing = differences(found, expected)
     if differing:

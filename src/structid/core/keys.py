@@ -1,4 +1,4 @@
-"""What tables of a study file are made of: strict tables, and numbers in SI or texts with a unit of the same dimension."""
+"""Building blocks of the study file's tables: strict tables, and quantities with units."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from structid.core.units import to_si
 
 
 class Section(BaseModel):
-    """A table of the file."""
+    """A table of the study file that refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
 def quantity(unit: str) -> Any:
-    """Type of a number in SI, given in a file as a number in SI or as a text with a unit."""
+    """Type of a value given as an SI number or as a string with a unit of the same dimension."""
     return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
 
 

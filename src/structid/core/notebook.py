@@ -1,4 +1,4 @@
-"""How things that print well are shown in a notebook."""
+"""How results are displayed in a notebook."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 
 class ShownAsText:
-    """Something whose text is a table or a verdict: a notebook shows it as it is printed, in columns."""
+    """Mixin for objects that print as a table: a notebook displays the same text."""
 
     def _repr_html_(self) -> str:
         return f'<pre style="font-size: 0.85em; overflow-x: auto">{html.escape(str(self))}</pre>'
 
 
 def shown_as_pictures(figures: type[Any]) -> None:
-    """Let a notebook show matplotlib's figures as pictures, whether or not pyplot is in use there; nothing where there is none."""
+    """Make a notebook display matplotlib figures as pictures, with or without pyplot; do nothing outside a notebook."""
     running = sys.modules.get("IPython")
     shell = None if running is None else running.get_ipython()
     if shell is None:

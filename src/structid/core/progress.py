@@ -1,4 +1,4 @@
-"""Progress of long computations: the callback they report to, and stages reported as one count."""
+"""Progress of long computations: the callback type, and stages combined into one count."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ Progress = Callable[[int, int], None]
 
 
 class Stages:
-    """Progress of work in stages of different weight, reported in hundredths of the whole."""
+    """Combines the progress of stages of different weight into percent of the whole."""
 
     def __init__(self, progress: Progress | None, weights: Mapping[str, float]) -> None:
         self._progress, self._weights = progress, dict(weights)
 
     def of(self, stage: str) -> Progress:
-        """Return the function to which a stage reports its own progress."""
+        """Return the callback for the progress of one stage."""
         whole = sum(self._weights.values())
         names = list(self._weights)
         before = sum(self._weights[n] for n in names[: names.index(stage)])
@@ -27,7 +27,7 @@ class Stages:
         return report
 
     def done(self, stage: str) -> None:
-        """Report that a stage has ended, whatever number of its steps it took."""
+        """Report a stage as finished, however many of its steps it took."""
         self.of(stage)(1, 1)
 
 

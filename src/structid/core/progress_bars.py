@@ -1,4 +1,4 @@
-"""Progress bars for whoever calls structid from a notebook or a script; the command line has its own."""
+"""Progress bars for notebooks and scripts; the command line has its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The text that says why a run failed: composed where it fails, shortened and counted where it is shown."""
+"""Reasons why runs failed: how they are composed, shortened and counted."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _NUMBER = re.compile(
 
 
 _FAREWELL = re.compile(r"Process \d+ Terminating")
-"""What OpenSees says last, whatever has happened."""
+"""Last line that OpenSees prints in any case."""
 LINES_SHOWN, LONGEST = 3, 200
-"""Lines of a solver's output in a reason of one line, and the length of such a line."""
+"""Lines of solver output in a one-line reason, and the maximum length of each."""
 SHOWN = 10
-"""Reasons that a list of them shows."""
+"""Number of reasons that a list shows."""
 
 
 def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
-    """List reasons with their counts, the most frequent first, and how many more there are."""
+    """List reasons with their counts, most frequent first, and the number of those not shown."""
     lines = [f"  {count:6d} x {reason}" for reason, count in failures[:SHOWN]]
     runs = sum(count for _, count in failures[SHOWN:])
     if runs:
@@ -30,13 +30,13 @@ def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
-    """Count reasons that differ in numbers and paths alone as one."""
+    """Count reasons as equal if they differ only in numbers and paths."""
     groups: dict[str, list[str]] = {}
     for reason in filter(None, reasons):
         plain = _without_place(reason)
         groups.setdefault(_NUMBER.sub("…", plain), []).append(plain)
-    said = [(same[0] if len(set(same)) == 1 else general, len(same)) for general, same in groups.items()]
-    return sorted(said, key=lambda one: -one[1])
+    counted = [(same[0] if len(set(same)) == 1 else general, len(same)) for general, same in groups.items()]
+    return sorted(counted, key=lambda one: -one[1])
 
 
 def with_words(how: str, words: str) -> str:
@@ -50,17 +50,17 @@ def general_reason(reason: str) -> str:
 
 
 def _without_place(reason: str) -> str:
-    """One line, without the folder that was kept."""
+    """Reduce a reason to one line, without the folder that was kept."""
     return short_reason(_PLACE.sub("", reason))
 
 
 def short_reason(reason: str) -> str:
-    """Shorten a reason to one line: how the run ended, and the last three lines of the solver's output that fit."""
-    place = _PLACE.search(reason)
-    how, said, words = _PLACE.sub("", reason).partition(_LAST_SAID)
+    """Shorten a reason to one line: how the run ended, and up to three last lines of solver output."""
+    folder = _PLACE.search(reason)
+    how, label, words = _PLACE.sub("", reason).partition(_LAST_SAID)
     lines = [line.strip() for line in words.splitlines() if line.strip() and not _FAREWELL.fullmatch(line.strip())]
     lines = lines[-LINES_SHOWN:]
     while len(lines) > 1 and len(how) + len(" | ".join(lines)) > LONGEST:
         lines = lines[1:]
-    text = how.split("\n")[0] + (said + " | ".join(lines) if lines else "")
-    return (text if len(text) <= LONGEST else text[: LONGEST - 1] + "…") + (place.group() if place else "")
+    text = how.split("\n")[0] + (label + " | ".join(lines) if lines else "")
+    return (text if len(text) <= LONGEST else text[: LONGEST - 1] + "…") + (folder.group() if folder else "")

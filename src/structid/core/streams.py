@@ -1,7 +1,7 @@
-"""Every purpose that random numbers are drawn for, in one place: no two of them share a stream.
+"""The purposes of random numbers, numbered in one place so that no two share a stream.
 
-A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. The purposes are numbered here and nowhere else. NumPy pads
-such a list with zeros, so that a list of two words would be the stream of index 0. All streams have three.
+A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. NumPy pads such a list with zeros, so that a list of two words
+would equal the stream of index 0. All streams therefore have three words.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from enum import IntEnum
 import numpy as np
 
 _LARGEST_WORD = 2**32
-"""A larger seed would take two words, and could be another seed's purpose."""
+"""A larger seed would take two words and could collide with the purpose of another seed."""
 
 
 class Purpose(IntEnum):
-    """What random numbers are for. A number is a part of the stream: never change one, never use one again."""
+    """Purposes of random numbers. The number is part of the stream: never change one, never reuse one."""
 
     LATIN_HYPERCUBE = 0
     MAXIMIN = 1
@@ -86,10 +86,10 @@ def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence
 
 
 def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
-    """Random numbers for one purpose."""
+    """Return the random generator for one purpose."""
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
 def derived_seed(seed: int, purpose: Purpose, index: int = 0) -> int:
-    """Seed for a part that derives streams of its own."""
+    """Return the seed for a component that derives streams of its own."""
     return int(_sequence(seed, purpose, index).generate_state(1)[0])

@@ -1,4 +1,4 @@
-"""Physical units of inputs and outputs: ``"7.6 kN/mm"`` to SI and back. All arrays inside the library are in SI."""
+"""Physical units: ``"7.6 kN/mm"`` to SI and back. All arrays inside the library are in SI."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from structid.core.errors import InputError
 
 STANDARD_GRAVITY = 9.80665
-"""One g [m/s²], as defined by PEER and ISO 80000-3."""
+"""Standard gravity [m/s²], as defined by PEER and ISO 80000-3."""
 
 MIXED_UP = (
     ("N", "kg", "This is a weight: divide it by g = 9.81 m/s², 10 kN are 1.02 t."),
@@ -21,7 +21,7 @@ MIXED_UP = (
         "With the unit the numbers change too: what yields at 5 mm has 130 1/m, or 26000 1/m^2 with an exponent of 2.",
     ),
 )
-"""Units that are easily mixed up: the one that came, the one that is wanted, and what to do."""
+"""Units that are easily confused: the given one, the expected one, and the advice."""
 
 AMBIGUOUS = (
     (r"kn", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'"),
@@ -32,7 +32,7 @@ AMBIGUOUS = (
         "'t' for 1000 kg, 'short_ton' or 'long_ton'; 'tf' for the weight of 1000 kg",
     ),
 )
-"""Words that mean one unit to a reader of units and another to an engineer: a pattern, what is wrong, what to write instead."""
+"""Unit names that the units library reads differently from an engineer: pattern, problem, replacement."""
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
@@ -57,7 +57,7 @@ def _clean(unit: str) -> str:
 
 
 def _parsed(text: str, times: float = 1.0) -> Any:
-    """One of a unit, or a number of it where the text begins with one; or so many times as much."""
+    """Parse a unit, or a number with a unit, times a factor."""
     registry = _registry()
     return times * registry.Quantity(text) if text[0].isdigit() else registry.Quantity(times, text)
 
@@ -94,12 +94,12 @@ def _si_quantity(unit: str) -> Any:
 
 
 def factor(unit: str) -> float:
-    """SI value of one `unit`, so that ``value_si = value * factor(unit)``."""
+    """SI value of one `unit`: ``value_si = value * factor(unit)``."""
     return float(_si_quantity(unit).magnitude)
 
 
 def si_unit(unit: str) -> str:
-    """Name the SI unit of the dimension that a unit measures."""
+    """Name the SI unit of a unit's dimension."""
     if _si_quantity(unit).dimensionless:
         return ""
     registry = _registry()
@@ -113,12 +113,12 @@ def si_unit(unit: str) -> str:
 
 
 def same_dimension(unit: str, other: str) -> bool:
-    """Whether two units measure the same kind of quantity."""
+    """Whether two units have the same dimension."""
     return bool(_si_quantity(unit).dimensionality == _si_quantity(other).dimensionality)
 
 
 def to_si(value: float | str, unit: str, where: str = "value") -> float:
-    """Convert a number, or a text such as ``"7.6 kN/mm"``, to SI."""
+    """Convert a number, or a string such as ``"7.6 kN/mm"``, to SI."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
     if not isinstance(value, str):
@@ -126,8 +126,8 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
     match = _NUMBER.match(value)
     if match is None:
         raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'".rstrip(" '") + "'")
-    number, own = float(match.group(1)), match.group(2)
-    if own == "":
+    number, unit_text = float(match.group(1)), match.group(2)
+    if unit_text == "":
         pure = unit in ("", "-", "1")
         raise InputError(
             where,
@@ -135,41 +135,41 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
             f"a text with its unit, such as '{value.strip()} {'%' if pure else unit}', or the number without quotes, which is "
             f"{'a pure number' if pure else f'in {unit}'}",
         )
-    if re.match(r"(?!1\s*/)[\d.,]", own):
+    if re.match(r"(?!1\s*/)[\d.,]", unit_text):
         raise InputError(
             where,
             f"'{value}', of which '{match.group(1)}' alone would be read as the number",
             f"one number and its unit, such as '12000 {unit}'".rstrip(" '") + "'",
             "Write thousands without spaces and commas, and decimals with a point.",
         )
-    return number * factor_of(own, unit, where, value)
+    return number * factor_of(unit_text, unit, where, value)
 
 
 def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
-    """SI value of one `unit`, which must measure the same as another."""
+    """SI value of one `unit`, which must have the same dimension as another."""
     if not same_dimension(unit, like):
-        said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
+        description = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
         allowed = f"a unit that measures the same as '{like}'" if like else "a plain number, without a unit"
-        raise InputError(where, said, allowed, _mixed_up(unit, like))
+        raise InputError(where, description, allowed, _mixed_up(unit, like))
     return factor(unit)
 
 
 def _mixed_up(unit: str, like: str) -> str:
-    """What to do about a unit of another dimension."""
-    for given, wanted, cure in MIXED_UP:
-        if same_dimension(unit, given) and same_dimension(like, wanted):
+    """Advice for a unit of another dimension."""
+    for given, expected, cure in MIXED_UP:
+        if same_dimension(unit, given) and same_dimension(like, expected):
             return cure
     return "Correct the unit."
 
 
 def check_power_of_length(unit: str, where: str) -> None:
-    """Refuse a unit that is no power of a length, as those of β and γ are, m⁻ⁿ."""
+    """Refuse a unit that is not m⁻ⁿ, the unit of β and γ."""
     if set(_si_quantity(unit).dimensionality) - {"[length]"}:
         raise InputError(where, f"'{unit}'", "a power of a length, such as '1/m'", "Correct the unit.")
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text is a number with a unit that is known."""
+    """Whether a string is a number with a known unit."""
     match = _NUMBER.match(text)
     if match is None or not match.group(2):
         return False
@@ -181,7 +181,7 @@ def is_quantity(text: str) -> bool:
 
 
 def in_si(text: str) -> str:
-    """Say a quantity in SI."""
+    """Format a quantity in SI."""
     match = _NUMBER.match(text)
     assert match is not None
     unit = si_unit(match.group(2)).replace("**", "^")
@@ -194,10 +194,10 @@ def label(name: str, unit: str) -> str:
 
 
 def squared(unit: str) -> str:
-    """Give the unit of a variance."""
+    """Unit of a variance."""
     return f"({unit})^2" if unit else ""
 
 
 def unbracketed(unit: str) -> str:
-    """Leave out brackets around a single unit."""
+    """Remove brackets around a single unit."""
     return re.sub(r"\((\w+)\)\^", r"\1^", unit)

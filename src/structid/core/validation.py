@@ -1,4 +1,4 @@
-"""What public functions and classes refuse at the door: unknown names, text for numbers, masked or complex arrays, other kinds."""
+"""Validation of the arguments of public functions: unknown names, text for numbers, masked or complex arrays, other types."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NUMBERS = {"float", "int"}
 """Annotations of a number."""
 
 ARRAYS = re.compile(r"(Sequence|tuple|list)\[(float|int|np\.ndarray)[^|]*\]|np\.ndarray|ArrayLike")
-"""Annotations of numbers in an array or a sequence."""
+"""Annotations of an array or a sequence of numbers."""
 
 KINDS = {
     "ParameterSpace": ("marginals", "a structid.ParameterSpace"),
@@ -37,20 +37,20 @@ KINDS = {
     "Plan": ("explorer", "a structid.Plan such as Plan(true_runs=300)"),
     "Runs": ("design", "a structid.Runs, as a Campaign gives it"),
 }
-"""Annotations, something that everything of that kind has, and what to give."""
+"""By annotation: an attribute that every object of that kind has, and what to pass."""
 
 INSTEAD_OF_A_NUMBER: dict[str, tuple[Callable[[Any], bool], str]] = {
     "Marginal": (lambda value: hasattr(value, "quantile"), "a prior such as Normal(1.0, 0.1)"),
     "Mapping": (lambda value: isinstance(value, Mapping), "a dictionary by channel"),
 }
-"""What else an argument may be that is a number in the simplest case, by the annotation: how it is recognised, and its words."""
+"""By annotation: what an argument may be instead of a number, how it is recognised, and its description."""
 
 
 # --- numbers and arrays ---------------------------------------------------------------------------------------------
 
 
 def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "") -> Any:
-    """Turn a number of NumPy or another library into Python's, and refuse everything else."""
+    """Convert a number of any library to Python's; refuse everything else."""
     if value is None or isinstance(value, (bool, int)) or _is_jax(value):
         return value
     if isinstance(value, float):
@@ -74,7 +74,7 @@ def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "
 
 
 def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> np.ndarray:
-    """Turn an array-like into an array of real numbers, and refuse what would be lost on the way."""
+    """Convert an array-like to an array of real numbers; refuse what the conversion would lose."""
     if masked := _masked_values(value):
         cure = "Fill them, or cut them out; a value that was not measured is no value."
         raise InputError(where, f"{masked} masked value{'s' if masked > 1 else ''}", f"{allowed}, none masked", cure)
@@ -103,7 +103,7 @@ def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> 
 
 
 def real_arrays(where: str, value: Any) -> Any:
-    """Check an argument that may be one array, or several in a sequence, and leave everything else as it is."""
+    """Convert an argument that may be one array or a sequence of arrays."""
     if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "fiub":
         return value
     if isinstance(value, (list, tuple)):
@@ -119,7 +119,7 @@ def real_arrays(where: str, value: Any) -> Any:
 
 
 def unit_of(value: Any) -> str:
-    """Unit of a quantity of pint, astropy or unyt, whose numbers alone would be read as SI."""
+    """Return the unit of a quantity of pint, astropy or unyt, whose bare numbers would be read as SI."""
     for unit, number in (("units", "magnitude"), ("unit", "value"), ("units", "value")):
         if hasattr(value, unit) and hasattr(value, number) and not isinstance(value, type):
             return str(getattr(value, unit)) or "no unit"
@@ -127,7 +127,7 @@ def unit_of(value: Any) -> str:
 
 
 def in_words(value: Any) -> str:
-    """Say what came, with an article."""
+    """Describe a value, with an article."""
     if isinstance(value, str):
         return f"the text '{value}'"
     if isinstance(value, complex):
@@ -145,7 +145,7 @@ def _is_pandas(value: Any) -> bool:
 
 
 def _masked_values(value: Any) -> int:
-    """How many values of an array, or of arrays in a list, are masked."""
+    """Count the masked values of an array or of a list of arrays."""
     if isinstance(value, np.ma.MaskedArray):
         return int(np.count_nonzero(np.ma.getmaskarray(value)))
     if isinstance(value, (list, tuple)):
@@ -170,26 +170,28 @@ def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
 
 
 def _of_objects(where: str, array: np.ndarray, allowed: str) -> np.ndarray:
-    """Numbers that NumPy keeps as objects: Python's whole numbers beyond 64 bits, fractions, decimals."""
-    flat = [real_number(f"{where}, value {place}", one, allowed) for place, one in enumerate(array.ravel())]
+    """Convert an object array: integers beyond 64 bits, fractions, decimals."""
+    flat = [real_number(f"{where}, value {missing}", one, allowed) for missing, one in enumerate(array.ravel())]
     if any(one is None for one in flat):
-        place = next(i for i, one in enumerate(flat) if one is None)
-        raise InputError(f"{where}, value {place}", "None", allowed, "A value that was not measured is no value.")
+        missing = next(i for i, one in enumerate(flat) if one is None)
+        raise InputError(f"{where}, value {missing}", "None", allowed, "A value that was not measured is no value.")
     return np.array(flat, dtype=np.float64).reshape(array.shape)
 
 
 # --- names ----------------------------------------------------------------------------------------------------------
 
 NAME = re.compile(r"[^\W\d](?:[\w .+-]*[\w.+-])?(?:\[\w+(?:, \w+)*\])?")
-"""A name that tables, pages, figures, file names, netCDF and HDF5 all carry: a letter or _ first, then no sign that means something
-to one of them. Indices may follow as ArviZ writes them: ``b[0]``."""
+"""Names that every output can hold: tables, pages, figures, file names, netCDF, HDF5.
+
+A letter or _, then no character that is special in one of them. Indices may follow as ArviZ writes them: ``b[0]``.
+"""
 
 COORDINATES = ("chain", "draw", "ensemble")
-"""Names of axes in our netCDF files, which no variable beside them may have."""
+"""Axis names in our netCDF files, which no variable may have."""
 
 
 def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
-    """Refuse a name that some output cannot carry."""
+    """Refuse a name that some output format cannot hold."""
     allowed = "a letter first, then letters, digits, _, ., + or -, such as 'stiffness_1'"
     if not isinstance(name, str) or not NAME.fullmatch(name):
         came = in_words(name) if not isinstance(name, str) else f"the name '{name}'" if name else "an empty name"
@@ -207,7 +209,7 @@ def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
 
 
 def check_arguments(what: T) -> T:
-    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence."""
+    """Decorate a class or function so that it validates its arguments by their annotations."""
     if not isinstance(what, type):
         return cast(T, _checked(what, what.__qualname__))
     setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
@@ -220,40 +222,40 @@ def check_arguments(what: T) -> T:
 
 
 class _Check(NamedTuple):
-    """What the value of one argument must be, from its annotation."""
+    """The check of one argument, derived from its annotation."""
 
-    number: str  # What is allowed where a number may come; empty where none may
-    others: tuple[str, ...]  # Names in `INSTEAD_OF_A_NUMBER` of what may come instead
-    open: bool  # Whether something may come that is not known here, text included
-    array: bool  # Whether an array of numbers may come
-    kinds: tuple[str, ...]  # Kinds of `KINDS`, of which it must be one; empty where it may be something else, too
-    several: bool  # Whether several of these may come
+    number: str  # description of the allowed numbers; empty where no number is allowed
+    others: tuple[str, ...]  # names in `INSTEAD_OF_A_NUMBER` that are allowed instead
+    open: bool  # whether other types are allowed, strings included
+    array: bool  # whether an array of numbers is allowed
+    kinds: tuple[str, ...]  # kinds in `KINDS`, one of which is required; empty where others are allowed
+    several: bool  # whether a sequence of these is allowed
 
     @classmethod
     def of(cls, annotation: str) -> _Check:
-        """The check of an annotation, such as ``"float | Marginal | None"``."""
+        """Derive the check from an annotation such as ``"float | Marginal | None"``."""
         words = [word for word in _union(annotation) if word != "None"]
         others = tuple(name for name in INSTEAD_OF_A_NUMBER if any(word.split("[")[0] == name for word in words))
         allowed = " or ".join(["a number", *(INSTEAD_OF_A_NUMBER[name][1] for name in others)])
         arrays = [word for word in words if ARRAYS.fullmatch(word)]
         rest = [word for word in words if word not in (*NUMBERS, *arrays) and word.split("[")[0] not in others]
         single = [re.sub(r"^Sequence\[(\w+)\]$", r"\1", word) for word in words]
-        known = bool(single) and set(single) <= KINDS.keys()
+        only_kinds = bool(single) and set(single) <= KINDS.keys()
         return cls(
             allowed if NUMBERS & set(words) else "",
             others,
             bool(rest),
             bool(arrays),
-            tuple(single) if known else (),
-            known and single != words,
+            tuple(single) if only_kinds else (),
+            only_kinds and single != words,
         )
 
     def refuses_nothing(self) -> bool:
-        """Whether any value may come."""
+        """Whether every value passes."""
         return not (self.number or self.array or self.kinds)
 
     def applied(self, where: str, called: str, value: Any) -> Any:
-        """The value, with numbers and arrays of other libraries as Python's and NumPy's."""
+        """Return the value, with numbers and arrays of other libraries converted."""
         if value is None:
             return None
         if self.kinds:
@@ -268,14 +270,14 @@ class _Check(NamedTuple):
 
 
 def _spelt_out(annotation: Any, function: Callable[..., Any]) -> str:
-    """An annotation as text; a name that stands for a union of types, such as ``Storeys``, as that union."""
+    """Return an annotation as text, with aliases of unions such as ``Storeys`` expanded."""
     meant = getattr(function, "__globals__", {}).get(str(annotation))
     union = str(meant) if isinstance(meant, types.UnionType) else str(annotation)
     return union.replace("collections.abc.", "").replace("numpy.", "np.")
 
 
 def _union(annotation: str) -> list[str]:
-    """Members of a union, those inside brackets kept together."""
+    """Split a union into its members; brackets keep theirs together."""
     words, depth = [""], 0
     for sign in annotation:
         depth += (sign == "[") - (sign == "]")
@@ -287,7 +289,7 @@ def _union(annotation: str) -> list[str]:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is of a kind that `real_number` turns into a number, or refuses as a wrong one."""
+    """Whether `real_number` handles a value, by converting or refusing it."""
     if isinstance(value, (np.ndarray, np.generic)):
         return np.ndim(value) == 0 and np.asarray(value).dtype.kind not in "USO"
     return isinstance(value, numbers.Number) or value is np.ma.masked or bool(unit_of(value))
@@ -297,7 +299,7 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     every = inspect.signature(function).parameters
     parameters = {name: p for name, p in every.items() if name not in ("self", "cls")}
     open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-    known = [name for name in parameters if not name.startswith("_")]
+    names = [name for name in parameters if not name.startswith("_")]
     checks = {name: _Check.of(_spelt_out(p.annotation, function)) for name, p in parameters.items()}
     checks = {name: check for name, check in checks.items() if not check.refuses_nothing()}
     in_order = tuple(every)
@@ -314,16 +316,16 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     def checked(*arguments: Any, **named: Any) -> Any:
         for name in named:
             if not open_ended and name not in parameters:
-                cure = suggestion(name, known)
+                cure = suggestion(name, names)
                 raise InputError(
-                    f"{called}({name})", "an argument that it does not have", ", ".join(known) or "none", cure
+                    f"{called}({name})", "an argument that it does not have", ", ".join(names) or "none", cure
                 )
         placed = [check(name, value) for name, value in zip(in_order, arguments, strict=False)]
         given = {name: check(name, value) for name, value in named.items()}
         missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
         if missing:
-            wanted = f"{called}({', '.join(needed)}, …)"
-            raise InputError(called, f"{' and '.join(missing)} left out", wanted, f"See help({called}).")
+            expected = f"{called}({', '.join(needed)}, …)"
+            raise InputError(called, f"{' and '.join(missing)} left out", expected, f"See help({called}).")
         return function(*placed, *arguments[len(in_order) :], **given)
 
     return checked

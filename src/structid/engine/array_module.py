@@ -1,4 +1,4 @@
-"""Which array module an array belongs to: NumPy outside JAX, ``jax.numpy`` inside it."""
+"""The array module of an array: NumPy outside JAX, ``jax.numpy`` inside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled functions of many runs, called a batch at a time."""
+"""Calls of compiled functions of many runs in batches."""
 
 from __future__ import annotations
 
@@ -15,6 +15,6 @@ LARGEST_BATCH = 2000
 def in_batches(
     function: Callable[..., Any], rows: Float[np.ndarray, "run ..."], data: Any, size: int = LARGEST_BATCH
 ) -> tuple[np.ndarray, ...]:
-    """Call a compiled function of many runs on batches of them, and put the results together."""
+    """Call a compiled function of many runs in batches and join the results."""
     parts = [function(rows[start : start + size], data) for start in range(0, len(rows), size)]
     return tuple(np.concatenate(column) for column in zip(*parts, strict=True))

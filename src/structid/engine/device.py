@@ -1,4 +1,4 @@
-"""One place that sets JAX up: double precision, every core of the machine, a compilation cache, batches over the cores."""
+"""The only file that sets JAX up: double precision, one device per core, a compilation cache, batches over the devices."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ _set_up()
 BatchFunction = Callable[..., Any]
 
 FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_product|qr|eigh|eig|svd|schur)\b")
-"""Operations of a jaxpr, as it is printed, that call LAPACK."""
+"""Operations in a printed jaxpr that call LAPACK."""
 
 
 @functools.cache
 def mesh() -> Mesh:
-    """Every device of the default platform in a row, named ``runs``."""
+    """All devices of the default platform in one axis, named ``runs``."""
     return Mesh(np.array(jax.devices()), ("runs",))
 
 
@@ -53,7 +53,7 @@ def padded_size(runs: int) -> int:
 
 
 BATCH_SIZES = (16, 64, 256, 512)
-"""Sizes that a function which is not a loop over time is compiled for: a call is cheap, compiling one more size is not."""
+"""Batch sizes for which a function without a loop over time is compiled: a call is cheap, compiling another size is not."""
 
 
 def few_sizes(runs: int) -> int:
@@ -62,7 +62,7 @@ def few_sizes(runs: int) -> int:
 
 
 def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
-    """Compile a function of arrays with a leading run axis, and share that axis out over the devices."""
+    """Compile a function of arrays with a leading run axis, and divide that axis among the devices."""
 
     def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
         if not shard or factorises(theta, constants):
@@ -95,7 +95,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
 
 
 def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
-    """Bring the devices' parts of an array together, each part copied by a thread of its own."""
+    """Join the devices' parts of an array; a thread copies each part."""
     if leaf.size < 100_000 or axis != leaf.ndim - 1:
         # A copy: the buffer of a JAX array is read-only.
         return np.take(np.array(leaf), np.arange(count), axis)

@@ -1,4 +1,4 @@
-"""A few steps one after the other, outside JAX or inside it."""
+"""A short sequence of steps, outside JAX or inside it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from jax import lax
 
 
 def in_sequence(step: Callable[[Any, Any], tuple[Any, Any]], start: Any, rows: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Take a step for every row."""
+    """Take one step per row."""
     if not all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(start)):
-        found: tuple[Any, Any] = lax.scan(step, start, rows)
-        return found
-    carried, seen = start, []
+        result: tuple[Any, Any] = lax.scan(step, start, rows)
+        return result
+    carried, outputs = start, []
     for row in zip(*rows, strict=True):
         carried, sight = step(carried, row)
-        seen.append(sight)
-    return carried, jax.tree.map(lambda *x: np.stack(x), *seen)
+        outputs.append(sight)
+    return carried, jax.tree.map(lambda *x: np.stack(x), *outputs)

@@ -1,4 +1,4 @@
-"""A function of the parameters of many runs with its derivatives along each of them."""
+"""Derivatives of a function of the parameters of many runs, along each parameter."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from structid.engine.device import jnp
 
 
 def with_slopes(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-    """Call a function of the parameters of many runs, and differentiate it along each of them; the value is computed once.
+    """Evaluate a function of the parameters of many runs together with its derivatives along each; the value is computed once.
 
-    Forward, since parameters are few and histories long.
+    Forward mode, since parameters are few and histories long.
     """
 
     def along(direction: Any) -> tuple[Any, Any]:
-        found: tuple[Any, Any] = jax.jvp(function, (parameters,), (jnp.broadcast_to(direction, parameters.shape),))
-        return found
+        result: tuple[Any, Any] = jax.jvp(function, (parameters,), (jnp.broadcast_to(direction, parameters.shape),))
+        return result
 
-    found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(jnp.eye(parameters.shape[1]))
-    return found
+    result: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(jnp.eye(parameters.shape[1]))
+    return result

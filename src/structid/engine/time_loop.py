@@ -1,4 +1,4 @@
-"""A loop over a record, said once: run to histories, or folded into a few sums on the way."""
+"""A loop over the samples of a record, defined once: run to histories, or reduced to a few sums on the way."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from structid.engine.device import jnp
 from structid.engine.slopes import with_slopes
 
 State = Any
-"""A tree of arrays with the runs last."""
+"""A tree of arrays with the run axis last."""
 
 
 class Fold(NamedTuple):
-    """What becomes of a history, sample by sample, where the history itself is not needed."""
+    """A reduction of a history, sample by sample, where the history itself is not needed."""
 
-    start: Any  # Before the first sample
+    start: Any  # sums before the first sample
     step: Callable[[Any, Any], Any]  # ``step(sums, sample) -> sums``
-    value: Callable[[Any], Any]  # ``value(sums)``: what is wanted in the end
+    value: Callable[[Any], Any]  # ``value(sums)``: the final result
 
     def of(self, series: Any) -> Any:
-        """Fold a history that is there."""
+        """Reduce an existing history."""
         sums, _ = lax.scan(lambda sums, sample: (self.step(sums, sample), None), self.start, series)
         return self.value(sums)
 
 
 def sum_of_squares(nothing: Any) -> Fold:
-    """Fold samples into Σ x²."""
+    """Fold that computes Σ x²."""
     return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
 
 
 def side_by_side(folds: Sequence[Fold]) -> Fold:
-    """Several folds of one history."""
+    """Combine several folds of one history."""
     return Fold(
         tuple(fold.start for fold in folds),
         lambda sums, samples: tuple(fold.step(s, x) for fold, s, x in zip(folds, sums, samples, strict=True)),
@@ -46,36 +46,36 @@ def side_by_side(folds: Sequence[Fold]) -> Fold:
 
 
 class TimeLoop(NamedTuple):
-    """A loop over the rows of a record, for many runs at once, inside JAX."""
+    """A loop over the rows of a record for many runs at once, inside JAX."""
 
-    start: State  # State before the first row, runs last
+    start: State  # state before the first row, run axis last
     # ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run)
     step: Callable[[State, Any], tuple[State, Any]]
-    rows: Any  # What every run takes alike
-    lead_in: int  # Number of rows at the beginning of which nothing is kept
+    rows: Any  # input that all runs share
+    lead_in: int  # number of initial rows for which nothing is kept
     # ``usable(state)``: which runs can be used, (run,), from the state after the last row
     usable: Callable[[State], Any]
-    unroll: int = 1  # Rows in one pass of the loop of XLA
+    unroll: int = 1  # rows per pass of XLA's loop
 
     def run(self) -> tuple[Any, Any]:
-        """Run to histories."""
+        """Run and keep histories."""
         state, rows = self._led_in()
-        state, seen = lax.scan(self.step, state, rows, unroll=self.unroll)
-        return seen, self.usable(state)
+        state, outputs = lax.scan(self.step, state, rows, unroll=self.unroll)
+        return outputs, self.usable(state)
 
     def folded(self, fold: Fold, beside: Any, make: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-        """Run, and fold what is seen on the way; no history is kept."""
+        """Run and reduce on the way; no history is kept."""
 
         def step(carried: tuple[State, Any], row: tuple[Any, Any]) -> tuple[tuple[State, Any], None]:
-            state, seen = self.step(carried[0], row[0])
-            return (state, fold.step(carried[1], make(seen, row[1]))), None
+            state, outputs = self.step(carried[0], row[0])
+            return (state, fold.step(carried[1], make(outputs, row[1]))), None
 
         state, rows = self._led_in()
         (state, sums), _ = lax.scan(step, (state, fold.start), (rows, beside), unroll=self.unroll)
         return fold.value(sums), self.usable(state)
 
     def _led_in(self) -> tuple[State, Any]:
-        """State after the lead-in, and the rows that are left."""
+        """State after the lead-in, and the remaining rows."""
         if not self.lead_in:
             return self.start, self.rows
         first = jax.tree.map(lambda x: x[: self.lead_in], self.rows)
@@ -85,7 +85,7 @@ class TimeLoop(NamedTuple):
 
 
 def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Array, "parameter run"]) -> TimeLoop:
-    """Differentiate a loop over time by its parameters, beside running it.
+    """Extend a loop over time by the sensitivities to its parameters.
 
     With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
     """
@@ -94,49 +94,51 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Arr
     converted, _ = jax.closure_convert(loop.step, loop.start, row)
 
     def constants(p: Any) -> tuple[Any, ...]:
-        """What a step takes of the parameters, such as frequencies of a matrix: worked out and differentiated before the loop."""
+        """What a step needs of the parameters, such as frequencies of a matrix: computed and differentiated before the loop."""
         loop = loop_of(p)
         return tuple(jax.closure_convert(loop.step, loop.start, row)[1])
 
     def along_all(function: Callable[..., Any], *points_and_slopes: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Value of a function, and its derivatives along each parameter, from what it takes and the slopes of that."""
+        """Value of a function and its derivatives along each parameter, from its input and the slopes of that input."""
         points, slopes = zip(*points_and_slopes, strict=True)
 
         def along(*slope: Any) -> tuple[Any, Any]:
             value: tuple[Any, Any] = jax.jvp(function, points, slope)
             return value
 
-        found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(*slopes)
-        return found
+        result: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(*slopes)
+        return result
 
     each = parameters, jnp.broadcast_to(directions[:, :, None], (*directions.shape, parameters.shape[1]))
     start, beforehand = along_all(lambda p: loop_of(p).start, each), along_all(constants, each)
 
     def step(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], tuple[Any, Any]]:
-        after, slopes = along_all(lambda state, taken: converted(state, row, *taken), carried, beforehand)
+        after, slopes = along_all(
+            lambda state, constants_of_step: converted(state, row, *constants_of_step), carried, beforehand
+        )
         return (after[0], slopes[0]), (after[1], slopes[1])
 
     return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
 
 
 def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> Any:
-    """Call a function of the parameters of many runs, and let its derivative be taken along each of them once.
+    """Evaluate a function of the parameters of many runs so that its derivative along each parameter is computed only once.
 
-    A density may be differentiated along many more directions, such as those of the noise; the loop in the function does not
-    depend on these, and its sensitivities serve all of them.
+    A density may be differentiated along many more directions, such as those of the noise. The loop in the function does not
+    depend on these, so its sensitivities serve all of them.
     """
 
     def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
         value, slopes = with_slopes(function, primals[0])
         return value, jax.tree.map(lambda x: _contracted(tangents[0], x), slopes)
 
-    found = jax.custom_jvp(function)
-    found.defjvp(with_slope)
-    return found(parameters)
+    result = jax.custom_jvp(function)
+    result.defjvp(with_slope)
+    return result(parameters)
 
 
 def _contracted(directions: Any, slopes: Any) -> Any:
-    """Slope along a direction of each run (run, parameter), from those along each parameter (parameter, …, run)."""
+    """Directional derivative for each run (run, parameter), from the derivatives along each parameter (parameter, …, run)."""
     if slopes.dtype == jax.dtypes.float0:  # of truths
         return np.zeros(slopes.shape[1:], dtype=jax.dtypes.float0)
     weights = directions.T.reshape(slopes.shape[0], *[1] * (slopes.ndim - 2), slopes.shape[-1])

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGEST_SHOWN = 30.0
-"""Log weights larger than this in magnitude are drawn at this limit, as triangles."""
+"""Log weights of larger magnitude are drawn at this limit, as triangles."""
 USUALLY_SHOWN = 0.3
-"""Likewise over parameters, or three times what four fifths of the points stay within."""
+"""The same over parameters, or three times the range of four fifths of the points."""
 
 
 @styled
@@ -64,7 +64,7 @@ def ranks(
     places: Float[np.ndarray, "replica parameter"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histograms of the rank of the truth among posterior draws, and how far their distribution is from the uniform one."""
+    """Draw histograms of the ranks of the truth among posterior draws, and their distance from the uniform distribution."""
     bins = counts.shape[1]
     low, high = scipy.stats.binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
     largest = scipy.stats.kstwo.ppf(0.99, replicas)  # Kolmogorov and Smirnov
@@ -75,7 +75,7 @@ def ranks(
     for axis in (*uppers[len(names) :], *lowers[len(names) :]):
         axis.set_visible(False)
     edges, across = np.linspace(0.0, 1.0, bins + 1), np.linspace(0.0, 1.0, 1001)
-    for upper, lower, name, count, a, b, place in zip(
+    for upper, lower, name, count, a, b, ranks_of_name in zip(
         uppers, lowers, names, counts, half, most, places.T, strict=False
     ):
         upper.axhspan(low, high, color=MUTED, alpha=0.3, lw=0)
@@ -83,7 +83,7 @@ def ranks(
         outside = (count < low) | (count > high)
         upper.bar(edges[:-1], count, width=0.94 / bins, align="edge", color=list(np.where(outside, MODEL, ACCENT)))
         upper.set_title(pretty(name))
-        away = np.searchsorted(np.sort(place), across, side="right") / replicas - across
+        away = np.searchsorted(np.sort(ranks_of_name), across, side="right") / replicas - across
         lower.axhspan(-largest, largest, color=MUTED, alpha=0.3, lw=0)
         lower.plot(across, away, lw=1.0, color=MODEL if np.abs(away).max() > largest else ACCENT)
         lower.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
@@ -103,7 +103,7 @@ def ratios_over_parameters(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw by how much the model's density exceeds that of the draws, over each parameter."""
+    """Draw the log ratio of the model's density to that of the draws over each parameter."""
     from matplotlib.figure import Figure
 
     across = min(len(names), 3)
@@ -113,8 +113,8 @@ def ratios_over_parameters(
     above = log_ratios[ran] - np.median(log_ratios[ran])
     edge = max(USUALLY_SHOWN, 3.0 * float(np.quantile(np.abs(above), 0.8))) if ran.any() else USUALLY_SHOWN
     beyond = np.abs(above) > edge
-    for place, (name, values) in enumerate(zip(names, draws.T, strict=True)):
-        axis = figure.add_subplot(down, across, place + 1)
+    for index, (name, values) in enumerate(zip(names, draws.T, strict=True)):
+        axis = figure.add_subplot(down, across, index + 1)
         axis.axhspan(-spread, spread, color=MUTED, alpha=0.18, lw=0)
         axis.axhline(0.0, color=MUTED, lw=0.8)
         axis.plot(values[ran][~beyond], above[~beyond], "o", ms=3.5, mew=0, alpha=0.8, color=ACCENT)
@@ -125,6 +125,6 @@ def ratios_over_parameters(
         for failed in values[~ran]:
             axis.axvline(failed, color=MODEL, lw=0.8, ls=":")
         axis.set_xlabel(name)
-        if place % across == 0:
+        if index % across == 0:
             axis.set_ylabel(r"log $\pi/q$ [nat]")
     return finish(figure, save=save)

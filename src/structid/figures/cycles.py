@@ -1,4 +1,4 @@
-"""Cycles of a loop: a few that stand for all, from early to late, so that loops can be told apart."""
+"""Representative cycles of a loop, from early to late, so that loops can be distinguished."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 from jaxtyping import Float
 
 MOST = 4
-"""Cycles that stand for a history."""
+"""Number of representative cycles."""
 LARGE = 0.3
-"""Share of the largest amplitude from which a cycle is one of those chosen from."""
+"""Fraction of the largest amplitude above which a cycle may be chosen."""
 
 
 def cycles(displacement: Float[np.ndarray, " time"]) -> list[slice]:
-    """Cut a history into cycles, each from one crossing of zero upwards to the next."""
+    """Split a history into cycles between upward zero crossings."""
     crossings = np.flatnonzero((displacement[:-1] < 0.0) & (displacement[1:] >= 0.0)) + 1
     return [slice(int(first), int(last) + 1) for first, last in itertools.pairwise(crossings)]
 
 
 def chosen_cycles(displacement: Float[np.ndarray, " time"], most: int = MOST) -> list[slice]:
-    """Choose the largest cycle of each of some parts of a history, from early to late."""
-    found = cycles(displacement)
-    sizes = np.array([np.ptp(displacement[cycle]) for cycle in found])
+    """Choose the largest cycle of each of several parts of a history, from early to late."""
+    all_cycles = cycles(displacement)
+    sizes = np.array([np.ptp(displacement[cycle]) for cycle in all_cycles])
     large = np.flatnonzero(sizes >= LARGE * sizes.max(initial=0.0))
     parts = [part for part in np.array_split(large, most) if len(part)]
-    return [found[part[np.argmax(sizes[part])]] for part in parts]
+    return [all_cycles[part[np.argmax(sizes[part])]] for part in parts]

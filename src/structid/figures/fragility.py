@@ -1,4 +1,4 @@
-"""Figure of a fragility: probabilities over the strength of the ground motion, with what the data leave open."""
+"""Figure of a fragility: probabilities over the strength of the ground motion, with their uncertainty."""
 
 from __future__ import annotations
 

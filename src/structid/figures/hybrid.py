@@ -1,4 +1,4 @@
-"""Figures of hybrid tests: what the specimen did, how the structure moved, how well the actuators followed, what was predicted."""
+"""Figures of hybrid tests: specimen, structure, actuators, predictions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def loops_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw force against displacement, a panel for each test, all to one scale; the tests before are grey behind it."""
+    """Draw force against displacement, one panel per test on one scale; earlier tests are grey behind it."""
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     figure, axes = canvas(rows, columns, height=2.3, sharex=True, sharey=True)
@@ -93,7 +93,7 @@ def tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw how an actuator followed: the synchronisation subspace, the area in it, the energy error."""
+    """Draw the tracking of an actuator: synchronisation subspace, its area, energy error."""
     figure, axes = canvas(1, 3, height=2.4)
     _tracking_panels(axes[0], plane, time, indicator, energy, unit)
     return finish(figure, title, save)
@@ -110,7 +110,7 @@ def loop_and_tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the loop of a specimen, and how its actuator followed."""
+    """Draw the loop of a specimen, and the tracking of its actuator."""
     figure, axes = canvas(2, 2, height=2.4)
     first, *others = axes.ravel()
     first.plot(loop[1], loop[2], color=MEASURED, lw=0.8)
@@ -144,7 +144,7 @@ def predicted_test(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what was predicted of a later test, and what then happened."""
+    """Draw the prediction of a later test, and its actual course."""
     figure, axes = canvas(1, 2, height=2.6, gridspec_kw={"width_ratios": [2.2, 1.0]})
     left, right = axes[0]
     left.plot(happened[1], happened[2], color=MEASURED, lw=0.9, label="happened")
@@ -176,7 +176,7 @@ def filtered_path(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what a filter believed from move to move, beside the posterior."""
+    """Draw a filter's estimates over the moves, next to the posterior."""
     columns = 2 if len(names) > 1 else 1
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=1.7, sharex=True)

@@ -1,4 +1,4 @@
-"""Figures of hysteresis loops: measured and modelled loops, loops identified by several methods, lines fitted to a loop."""
+"""Figures of hysteresis loops: measured, modelled, identified by several methods, with fitted lines."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _cycles_of_draws(axis: Axes, draws: Sequence[Loop], shown: Sequence[slice], 
 
 
 def _from_early_to_late(count: int) -> list[str]:
-    """Colours in an order that the eye knows, from dark to light."""
+    """Colours from dark to light."""
     import matplotlib
 
     shades = matplotlib.colormaps["plasma"](np.linspace(0.05, 0.8, count)) if count else ()
@@ -123,9 +123,9 @@ def loop_and_lines(
     figure, axes = canvas(1, 1, height=3.2, width=4.8)
     axis = axes[0, 0]
     axis.plot(displacement, force, color=MUTED, lw=0.6)
-    seen: dict[str, str] = {}
+    legend: dict[str, str] = {}
     for x, y, text in lines:
-        colour = seen.setdefault(text, CYCLE[(len(seen) + 1) % len(CYCLE)])
+        colour = legend.setdefault(text, CYCLE[(len(legend) + 1) % len(CYCLE)])
         axis.plot(x, y, color=colour, lw=1.6, label=text)
     handles, labels = axis.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))

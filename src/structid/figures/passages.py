@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 4000
-"""Most runs that are drawn as points."""
+"""Largest number of runs drawn as points."""
 _LATE_TO_EARLY = "viridis_r"
 
 
@@ -91,7 +91,7 @@ def probability_map(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the probability of a passage over two parameters, and its mean along the first one beside the shares that were found."""
+    """Draw the probability of a passage over two parameters, and its mean along the first one with the observed fractions."""
     figure, axes = canvas(1, 2, height=2.9)
     some = _some(len(passed))
     axis, beside = axes[0]
@@ -149,13 +149,13 @@ def indices(
 ) -> Figure:
     """Draw Sobol' indices as bars."""
     figure, axes = canvas(1, len(groups), height=2.5, sharey=True)
-    place = np.arange(len(names))
+    index = np.arange(len(names))
     for axis, (label, first, total, first_error, total_error) in zip(axes[0], groups, strict=True):
         for shift, share, error, colour, word in (
             (-0.2, first, first_error, ACCENT, "first"), (0.2, total, total_error, MUTED, "total"),
         ):  # fmt: skip
-            axis.bar(place + shift, share, 0.38, yerr=error, color=colour, label=word, error_kw={"lw": 0.8})
-        axis.set_xticks(place, [pretty(n).replace(" ", "\n") for n in names], fontsize=7.5)
+            axis.bar(index + shift, share, 0.38, yerr=error, color=colour, label=word, error_kw={"lw": 0.8})
+        axis.set_xticks(index, [pretty(n).replace(" ", "\n") for n in names], fontsize=7.5)
         axis.grid(False, axis="x")
         axis.set_title(label)
     axes[0, 0].set_ylabel("share of the variance")
@@ -164,5 +164,5 @@ def indices(
 
 
 def _some(count: int) -> Any:
-    """Numbers of the runs that are drawn."""
+    """Indices of the drawn runs."""
     return np.arange(count)[:: max(1, -(-count // SHOWN))]

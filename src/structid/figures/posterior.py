@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 MOST_BARS = 400
-"""Beyond this number of walkers, a histogram of their acceptance rates is drawn instead of a bar for each."""
+"""Number of walkers above which a histogram of acceptance rates replaces a bar for each."""
 SLIVER = 0.01
-"""Below this fraction of the prior's range a posterior is too narrow to be seen there, and a line marks its mean."""
+"""Fraction of the prior's range below which a posterior is marked by a line at its mean."""
 
 
 def _label(name: str, unit: str) -> str:
@@ -44,7 +44,7 @@ def _label(name: str, unit: str) -> str:
 
 
 LONGEST_LABEL = 13
-"""Letters of a label's line beside a small panel."""
+"""Characters per line of a label next to a small panel."""
 
 
 def _label_in_lines(name: str, unit: str) -> str:
@@ -91,7 +91,7 @@ def marginals(
 
 
 class _Marginal(NamedTuple):
-    """What is known of one parameter, in one unit; the truth is NaN where it is not known."""
+    """Data of one parameter in one unit; the truth is NaN where it is unknown."""
 
     prior: np.ndarray
     posterior: np.ndarray
@@ -235,7 +235,7 @@ def traces(
 def acceptance(
     rates: Float[np.ndarray, "ensemble walker"], title: str = "", save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw the acceptance rate of every walker, or a histogram of the rates if there are very many walkers."""
+    """Draw the acceptance rate of every walker, or a histogram for very many walkers."""
     figure, axes = canvas(1, 1, height=1.9)
     draw = _histogram_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
     draw(axes[0, 0], rates)
@@ -272,7 +272,7 @@ def identifiability(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw how much the data say about each combination of parameters."""
+    """Draw the information of the data about each combination of parameters."""
     figure, axes = canvas(1, 2, height=2.6)
     index = np.arange(len(eigenvalues))
     shown = np.maximum(eigenvalues, 1e-6)

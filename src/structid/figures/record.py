@@ -82,6 +82,6 @@ def filter_tuning(
 
 
 def _log_limits(axis: Axes, frequency: np.ndarray, amplitude: np.ndarray) -> None:
-    """Show five decades below the peak; everything smaller is rounding error."""
+    """Show five decades below the peak; smaller values are rounding errors."""
     axis.set_ylim(amplitude.max() * 1e-5, amplitude.max() * 2.0)
     axis.set_xlim(max(frequency[0], 0.05), frequency[-1])

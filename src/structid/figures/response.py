@@ -1,4 +1,4 @@
-"""Figures of response histories: measured, predicted with bands, energies, and the whiteness of residuals."""
+"""Figures of response histories: measured, predicted with bands, energies, whiteness of residuals."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def measurement_on_record(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what drove the structure above what was measured: whether both begin together is seen before anything is sampled."""
+    """Draw the excitation above the measurement, so that a time shift is visible before any sampling."""
     rows = [excitation, *measured]
     figure, axes = canvas(len(rows), 2, height=1.7, sharex="col", width_ratios=(2, 1))
     strong = np.cumsum((excitation[0] ** 2).reshape(len(time), -1).sum(axis=1))
@@ -121,7 +121,7 @@ def bands(
 ) -> Figure:
     """Draw a measured history and the bands of its prediction: whole, around its peak, and with the prediction subtracted.
 
-    The bands of a good fit are thinner than a line in the first panel. They can be read in the last one.
+    The bands of a good fit are thinner than a line in the first panel and readable in the last one.
     """
     figure, axes = canvas(3, 1, height=2.0)
     peak = time[int(np.argmax(np.abs(best if measured is None else measured)))]

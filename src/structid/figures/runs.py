@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 400
-"""Largest number of runs used for the bands, so that they fit into memory whatever the size of the campaign."""
+"""Largest number of runs for the bands, which limits the memory."""
 
 
 @styled

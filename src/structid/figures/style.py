@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Drawing = TypeVar("Drawing", bound=Callable[..., Any])
 
 LABEL_WIDTH = 21
-"""Signs of a label along the height of a low panel."""
+"""Characters of a label along the height of a low panel."""
 
 MEASURED, MODEL, PRIOR, ACCENT, MUTED = "#1a1a1a", "#c1440e", "#8a8f98", "#1f6f8b", "#b8bcc4"
 """Colours: measurement, model (posterior), prior, accent, secondary lines."""
@@ -32,8 +32,8 @@ CYCLE = ("#1f6f8b", "#c1440e", "#6a994e", "#7b4b94", "#bc8034", "#386641")
 WIDTH = 7.4
 """Width of a full figure [inch]."""
 LONGEST_TAIL = 2.0
-"""Part of a tail that a panel of draws shows, beyond where 90 % of them lie, in widths of these 90 %: more than a normal or an
-exponential law has."""
+"""Length of a tail shown in a panel of draws, beyond the central 90 %, in widths of these 90 %: more than a normal or
+exponential distribution has."""
 
 _RC = {
     "font.size": 9.0,
@@ -55,7 +55,7 @@ _RC = {
 
 
 def styled(draw: Drawing) -> Drawing:
-    """Draw in the style of structid, and leave the caller's matplotlib settings as they are."""
+    """Draw in structid's style, and leave the caller's matplotlib settings unchanged."""
 
     @functools.wraps(draw)
     def wrapped(*args: Any, **settings: Any) -> Any:
@@ -112,7 +112,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
 
 
 def shown(draws: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, "2 ..."]:
-    """Range of draws that a panel shows: all but one in a thousand, and no more of a long tail than twice what 90 % span."""
+    """Range of draws that a panel shows: all but one in a thousand, and at most twice the 90 % range of a long tail."""
     least, low, high, most = np.quantile(draws, [0.0005, 0.05, 0.95, 0.9995], axis=0)
     tail = LONGEST_TAIL * (high - low)
     return np.stack([np.maximum(least, low - tail), np.minimum(most, high + tail)])
@@ -149,7 +149,7 @@ def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
 
 
 def in_lines(text: str) -> str:
-    """Break a label that is longer than a low panel is high, so that those of neighbouring panels do not overlap."""
+    """Wrap a label that is longer than a low panel is high, so that neighbouring labels do not overlap."""
     return "\n".join(textwrap.wrap(text, LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)) or text
 
 
@@ -170,7 +170,7 @@ def _plain(value: float, _: int | None = None) -> str:
 
 def pretty(name: str) -> str:
     """Name of a parameter or channel as figures show it."""
-    known = {
+    symbols = {
         "alpha": "α", "beta": "β", "gamma": "γ", "gamma_ratio": "γ*", "sigma2": "σ²", "delta_nu": "δν", "delta_eta": "δη",
         "delta_a": "δA", "damping_ratio": "ζ", "exponent": "n", "psi0": "ψ₀", "delta_psi": "δψ", "lambda_": "λ", "zeta0": "ζ₀",
     }  # fmt: skip
@@ -180,7 +180,7 @@ def pretty(name: str) -> str:
         return f"log {pretty(name.removeprefix('log '))}"
     if name.startswith("sigma2_"):
         return f"σ² {pretty(name.removeprefix('sigma2_'))}"
-    return known.get(name, name.replace("_", " "))
+    return symbols.get(name, name.replace("_", " "))
 
 
 def pretty_unit(unit: str) -> str:
@@ -189,5 +189,5 @@ def pretty_unit(unit: str) -> str:
 
 
 def thin(count: int, most: int = 4000) -> slice:
-    """Choose a stride, so that at most about `most` points are drawn."""
+    """Stride with which at most about `most` points are drawn."""
     return slice(None, None, max(1, count // most))

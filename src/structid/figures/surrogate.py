@@ -94,17 +94,17 @@ def coefficients(
     names: tuple[str, ...],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the coefficients that a surrogate predicts against the coefficients fitted to each run alone."""
+    """Draw the coefficients predicted by a surrogate against those fitted to each run alone."""
     from matplotlib.figure import Figure
 
     columns = 4
     rows = -(-len(names) // columns)
     figure = Figure(figsize=(WIDTH, 1.75 * rows), layout="constrained")
-    for place, name in enumerate(names):
-        axis = figure.add_subplot(rows, columns, place + 1)
-        low, high = float(own[:, place].min()), float(own[:, place].max())
+    for index, name in enumerate(names):
+        axis = figure.add_subplot(rows, columns, index + 1)
+        low, high = float(own[:, index].min()), float(own[:, index].max())
         axis.plot([low, high], [low, high], color=MUTED, lw=0.8)
-        axis.scatter(own[:, place], predicted[:, place], s=3.0, color=ACCENT, alpha=0.5, lw=0, rasterized=True)
+        axis.scatter(own[:, index], predicted[:, index], s=3.0, color=ACCENT, alpha=0.5, lw=0, rasterized=True)
         axis.set_title(name, fontsize=7.5, loc="left")
         axis.tick_params(labelsize=6.5)
         axis.locator_params(nbins=3)

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 MASONRY, EDGE, STEEL = "#e9e2d6", "#9a8f7d", "#4d5a66"
 """Colours of blocks, of their edges, and of the loading beam."""
 OPEN = 0.02
-"""Share of the largest opening from which a joint is drawn as open."""
+"""Fraction of the largest opening above which a joint is drawn as open."""
 MOST_NAMES = 40
-"""Blocks up to which each has its number."""
+"""Number of blocks up to which each is numbered."""
 
 
 @styled
@@ -74,7 +74,7 @@ def deformed(
     loop: tuple[np.ndarray, np.ndarray, Sequence[int]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the deformed wall at some instants, joints coloured by how far they are open, and the loop with these instants."""
+    """Draw the deformed wall at some instants, joints coloured by their opening, and the loop with these instants."""
     from matplotlib.collections import LineCollection
 
     figure, (*axes, last) = _panels(len(moved) + 1)
@@ -116,7 +116,7 @@ def strain_maps(
     titles: Sequence[str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw maps of von Mises' strain on one scale."""
+    """Draw maps of von Mises strain on one scale."""
     figure, axes = _panels(len(maps))
     most = max(float(np.nanmax(m)) for m in maps) or 1.0
     drawn = None
@@ -139,7 +139,7 @@ def _panels(count: int) -> tuple[Any, list[Any]]:
 
 
 def _without_axes(axis: Any) -> None:
-    """A wall needs no ticks."""
+    """Remove the ticks of a wall's axes."""
     axis.set_aspect("equal")
     axis.axis("off")
 
@@ -167,7 +167,7 @@ def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDG
 def joint_law(
     curves: Sequence[Sequence[tuple[np.ndarray, np.ndarray, str]]], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw tractions of a joint against its opening and its slip."""
+    """Draw tractions of a joint against opening and slip."""
     figure, axes = canvas(1, 2, height=2.6)
     names = (("opening", "normal traction"), ("slip", "tangential traction"))
     for axis, panel, (jump, traction) in zip(axes[0], curves, names, strict=True):

@@ -1,1 +1,1 @@
-"""Excitations: ground-motion records, forces and imposed displacements. Read, simulate, process and measure them."""
+"""Excitations: ground motions, forces and imposed displacements; reading, simulation, processing, intensity measures."""

@@ -1,4 +1,4 @@
-"""What drives a model: a sampled signal at a constant step, whose type says how it acts."""
+"""Excitations of a model: a sampled signal with a constant step, whose type defines how it acts."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Excitation:
 
     @property
     def signals(self) -> tuple[Excitation, ...]:
-        """What acts, one by one: this signal, or the parts of several."""
+        """The individual signals: this one, or the parts of a combination."""
         return (self,)
 
     @property
@@ -93,7 +93,7 @@ class Excitation:
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe everything but the samples, ready for JSON."""
+        """Describe everything but the samples, JSON-compatible."""
         return {
             "kind": self.kind, "dt": self.dt, "name": self.name,
             "interpolation": self.interpolation, "lead_in_periods": self.lead_in_periods,
@@ -118,7 +118,7 @@ class Excitation:
 
     @check_arguments
     def values_at(self, times: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-        """Signal at any times within its duration."""
+        """Signal at arbitrary times within its duration."""
         if self.interpolation == "periodic":
             raise InputError(
                 f"{type(self).__name__} '{self.name}'", "a periodic signal", "linear or smooth interpolation"
@@ -133,7 +133,7 @@ class Excitation:
 
     @property
     def dropped_samples(self) -> int:
-        """Number of lead-in samples, which a response leaves out."""
+        """Number of lead-in samples, which a response omits."""
         return self.lead_in_periods * len(self)
 
 
@@ -222,25 +222,25 @@ class CombinedExcitation(Excitation):
     parts: tuple[Excitation, ...]
 
     def __init__(self, parts: Sequence[Excitation], name: str = "") -> None:
-        own = (parts,) if isinstance(parts, Excitation) else tuple(parts)
+        signals = (parts,) if isinstance(parts, Excitation) else tuple(parts)
         if not isinstance(name, str):
             raise InputError("CombinedExcitation", "several arguments", "one list: CombinedExcitation([first, second])")
-        for part in own:
+        for part in signals:
             if type(part) is CombinedExcitation or not isinstance(part, Excitation):
                 raise InputError("CombinedExcitation", f"a {type(part).__name__}", "GroundMotion, ForceHistory, …")
-        timings = {(p.dt, len(p), p.interpolation, p.lead_in_periods) for p in own}
-        if len(own) < 2 or len(timings) > 1:
+        timings = {(p.dt, len(p), p.interpolation, p.lead_in_periods) for p in signals}
+        if len(signals) < 2 or len(timings) > 1:
             raise InputError(
                 "CombinedExcitation",
-                f"{len(own)} signals with {len(timings)} different steps, lengths, interpolations or lead-ins",
+                f"{len(signals)} signals with {len(timings)} different steps, lengths, interpolations or lead-ins",
                 "two or more that agree in all of these",
                 "Resample and trim them.",
             )
-        values = np.stack([p.values for p in own], axis=1)
+        values = np.stack([p.values for p in signals], axis=1)
         values.setflags(write=False)
-        first = own[0]
+        first = signals[0]
         fields = {
-            "parts": own, "values": values, "dt": first.dt, "name": name or " and ".join(p.name for p in own),
+            "parts": signals, "values": values, "dt": first.dt, "name": name or " and ".join(p.name for p in signals),
             "interpolation": first.interpolation, "lead_in_periods": first.lead_in_periods,
         }  # fmt: skip
         for key, value in fields.items():

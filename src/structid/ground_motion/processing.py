@@ -19,23 +19,23 @@ STOPBAND_RATIO = 1.25
 
 
 LOWEST_EDGE = 1e-5
-"""Lowest edge of a filter, as a share of the Nyquist frequency: below it the filter is singular in float64."""
+"""Lowest edge of a filter as a fraction of the Nyquist frequency; below it the filter is singular in float64."""
 MOST_ORDER = 30
 """Highest order of a filter."""
 SETTLED = 1e-8
-"""Part of a filter's free response that may be left where the signal begins."""
+"""Fraction of a filter's free response that may remain at the start of the signal."""
 LONGEST_PADDING = 20
-"""Most samples with which a signal goes on beyond each of its ends, as a multiple of its own."""
+"""Largest number of samples by which a signal is extended at each end, as a multiple of its length."""
 MOST_SAMPLES = 20_000_000
-"""Samples of a signal: two days at 100 Hz. More are asked for by mistake, and would fill the memory."""
+"""Largest length of a signal: two days at 100 Hz. More would fill the memory by mistake."""
 KERNEL, KAISER = 10, 5.0
 """Half-length of the anti-aliasing kernel in samples of the coarser step, and the parameter of its Kaiser window."""
 DRIFT = 0.01
-"""Most samples that a rounded step may be off at the end of a signal."""
+"""Largest error, in samples, that a rounded step may accumulate over a signal."""
 
 
 def check_samples(where: str, samples: float) -> None:
-    """Refuse a signal of more samples than anybody can mean."""
+    """Refuse an implausibly long signal."""
     if not samples <= MOST_SAMPLES:
         raise InputError(where, f"a signal of {samples:.3g} samples", f"{MOST_SAMPLES:,} samples or fewer")
 
@@ -94,7 +94,7 @@ def butterworth(
 
 
 def _settling_samples(sections: np.ndarray) -> int:
-    """Samples after which the free response of a filter has fallen to `SETTLED`, by its slowest pole."""
+    """Samples after which the free response of a filter has decayed to `SETTLED`, by its slowest pole."""
     _, poles, _ = scipy.signal.sos2zpk(sections)
     return int(np.ceil(np.log(SETTLED) / np.log(np.abs(poles).max())))
 
@@ -102,7 +102,7 @@ def _settling_samples(sections: np.ndarray) -> int:
 def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Float[np.ndarray, " new_time"]:
     """Resample with a polyphase anti-aliasing filter.
 
-    The signal goes on beyond its ends with its last slope (odd reflection), so that a constant stays constant.
+    The signal is extended at its ends by odd reflection, so that a constant stays constant.
     """
     if not new_dt > 0:
         raise InputError("resample: dt", f"{new_dt:g} s", "a positive step")
@@ -129,7 +129,7 @@ def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Fl
 
 
 def _resampling_kernel(up: int, down: int) -> np.ndarray:
-    """Low-pass at the smaller Nyquist frequency, each of whose `up` phases sums to one: a constant has no ripple."""
+    """Low-pass at the smaller Nyquist frequency; each of its `up` phases sums to one, so that a constant has no ripple."""
     half = KERNEL * max(up, down)
     kernel = scipy.signal.firwin(2 * half + 1, 1.0 / max(up, down), window=("kaiser", KAISER))
     phase = (np.arange(kernel.size) - half) % up

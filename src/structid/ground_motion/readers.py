@@ -1,4 +1,4 @@
-"""Readers of signals: accelerograms by their format, and text files with columns."""
+"""Readers of signals: accelerograms by format, and text files with columns."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ NOT_READ = {
     "COSMOS": re.compile(r"COSMOS\s+FORMAT|\(\s*FORMAT\s+V\s*\d", re.IGNORECASE),
     "CSMIP volume 1 or 2": re.compile(r"(UN)?CORRECTED ACCELEROGRAM", re.IGNORECASE),
 }
-"""Formats that are known by their first lines, and not read."""
+"""Formats recognised by their first lines and not supported."""
 
 
 ROUNDED_TIME = 0.05
-"""Most that a printed time may be off, in steps."""
+"""Largest error of a printed time, in steps."""
 LARGEST_DENOMINATOR = 100_000
-"""Of a time step as a fraction of a second: beyond it, no instrument's clock is meant."""
+"""Largest denominator of a time step as a fraction of a second; no instrument's clock needs a larger one."""
 
 _DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?Z?"
 _STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
-"""A date, a time of day, or both, at the beginning of a line."""
+"""A date, a time of day, or both, at the start of a line."""
 
 _EMPTY_CELL = re.compile(r"(?:^|[,;])\s*[,;]")
-"""Nothing between two separators, or before the first."""
+"""Empty cell between two separators, or before the first."""
 
 _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
-"""A number, perhaps with a decimal comma."""
+"""A number that may have a decimal comma."""
 
 
 def read_acceleration(
@@ -73,7 +73,7 @@ class Columns(NamedTuple):
 
     start: float  # Time of the first line [s]; 0 in a file without times
     dt: float  # Time step [s]
-    values: Float[np.ndarray, "time column"]  # The columns that were asked for, in SI
+    values: Float[np.ndarray, "time column"]  # requested columns in SI
 
 
 def read_columns(
@@ -93,8 +93,8 @@ def read_columns(
             "times in seconds, or a time step",
             "Give the step and the column of the values: dt=0.01, column=1.",
         )
-    wanted = [_column(path, table, numbers, dt, len(others)) if column is None else column, *others]
-    for index in wanted:
+    columns = [_column(path, table, numbers, dt, len(others)) if column is None else column, *others]
+    for index in columns:
         if not 0 <= index < table.shape[1]:
             raise InputError(
                 f"{path}",
@@ -106,13 +106,13 @@ def read_columns(
     step = _constant_step(path, table[:, 0], numbers) if dt is None else dt
     by = factor(unit) if si_unit is None else factor_of(unit, si_unit, f"{path}: unit")
     if len(titles) == table.shape[1]:
-        for index in wanted:
+        for index in columns:
             _check_unit_of_title(f"{path}, line {numbers[0] - 1}", titles[index], unit)
-    return Columns(start, step, table[:, wanted] * by)
+    return Columns(start, step, table[:, columns] * by)
 
 
 def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int], dt: float | None, others: int) -> int:
-    """The column of the values, where only one can be meant."""
+    """The column of the values, if it is unambiguous."""
     columns, where = table.shape[1], f"{path}, line {numbers[0]}"
     wrapped = "Where the record goes on from line to line, write it with one value a line, and give dt."
     if dt is not None and columns > 1 + others:
@@ -126,23 +126,23 @@ def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int],
 
 
 def _check_unit_of_title(where: str, title: str, unit: str) -> None:
-    """Refuse a unit that another one in brackets at the head of the column contradicts."""
+    """Refuse a unit that contradicts the bracketed unit in the column's title."""
     bracketed = re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]", title)
     if bracketed is None:
         return
     spelt = bracketed.group(1)
-    said = UNITS.get(spelt.lower(), spelt)
+    unit_in_title = UNITS.get(spelt.lower(), spelt)
     try:
-        agree = same_dimension(said, unit) and abs(factor(said) / factor(unit) - 1.0) < 1e-3
+        agree = same_dimension(unit_in_title, unit) and abs(factor(unit_in_title) / factor(unit) - 1.0) < 1e-3
     except InputError:
         return
     if not agree:
-        cure = f"Leave it at unit='{said}', or correct the head of the column."
+        cure = f"Leave it at unit='{unit_in_title}', or correct the head of the column."
         raise InputError(where, f"the column is called '{title.strip()}', and unit='{unit}' is given", "one unit", cure)
 
 
 def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[str], str]:
-    """All numbers of a file (line, column), the numbers of its lines, the words of the line above the first, and a date stamp.
+    """All numbers of a file (line, column), their line numbers, the titles above the first line, and a date stamp.
 
     Dates and times of day in the first column are zeros in the table; the first of them is the stamp.
     """
@@ -175,15 +175,15 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[st
 
 
 def _titles(text: str) -> list[str]:
-    """Heads of columns: apart by semicolons, commas or tabs, or by two spaces."""
+    """Column titles, separated by semicolons, commas, tabs or two spaces."""
     return [word for word in re.split(r";|,|\t|\s{2,}", text.lstrip("#% ")) if word.strip()]
 
 
 def _in_columns(text: str) -> str:
-    """A line with its values apart by spaces, and decimal points.
+    """A line with its values separated by spaces, and with decimal points.
 
-    Values are apart by semicolons, spaces or commas. A comma within a number is a decimal one where something else is between
-    the numbers: ``0,01; 0,35`` and ``0,01  0,35``, but not ``0,1``.
+    Values are separated by semicolons, spaces or commas. A comma inside a number is decimal where another separator is used:
+    ``0,01; 0,35`` and ``0,01  0,35``, but not ``0,1``.
     """
     if '"' in text:
         separator = ";" if ";" in re.sub(r'"[^"]*"', "", text) else ","
@@ -197,7 +197,7 @@ def _in_columns(text: str) -> str:
 
 
 def _is_header(text: str) -> bool:
-    """Whether a line holds a word that is not a number; ``nan`` counts as a number and is rejected later."""
+    """Whether a line contains a word that is not a number; ``nan`` counts as a number and is rejected later."""
     for word in _in_columns(text).split():
         try:
             float(word)
@@ -207,7 +207,7 @@ def _is_header(text: str) -> bool:
 
 
 def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers: list[int]) -> float:
-    """The step of a time column, or a refusal that names the first line at which it is another one."""
+    """The step of a time column; refuses a column with varying step and names the first such line."""
     steps = np.diff(time)
     dt = float(time[-1] - time[0]) / (time.size - 1)
     # Times may be printed with few digits: a deviation of the last digit is allowed, one near a sample is not.
@@ -223,13 +223,13 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
             "Resample the record to a constant step first. Where decimals have commas, put semicolons between the columns.",
         )
     # All times together know the step better than one difference: to twice the rounding of the first and the last one.
-    known = max(2.0 * deviation / (time.size - 1), 1e-12 * dt)
-    step = _simplest_fraction(Fraction(dt - known), Fraction(dt + known))
+    resolution = max(2.0 * deviation / (time.size - 1), 1e-12 * dt)
+    step = _simplest_fraction(Fraction(dt - resolution), Fraction(dt + resolution))
     return float(step) if step.denominator <= LARGEST_DENOMINATOR else float(f"{dt:.9g}")
 
 
 def _simplest_fraction(low: Fraction, high: Fraction) -> Fraction:
-    """The fraction of the smallest denominator in an interval, by continued fractions: 1/256 for 0.0039062 to 0.0039063."""
+    """Fraction with the smallest denominator in an interval, by continued fractions: 1/256 for 0.0039062 to 0.0039063."""
     whole = low.numerator // low.denominator
     if whole == low:
         return low

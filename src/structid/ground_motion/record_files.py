@@ -1,4 +1,4 @@
-"""Accelerograms whose headers say what they hold: PEER AT2 and ESM ASCII."""
+"""Accelerogram formats with self-describing headers: PEER AT2 and ESM ASCII."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ UNITS = {
     **{spelt: "m/s^2" for spelt in ("m/sec**2", "m/s**2", "m/s/s", "m/sec/sec", "m/sec2", "m/s2", "m/s^2", "m/sec^2")},
     **{spelt: "mm/s^2" for spelt in ("mm/sec**2", "mm/s**2", "mm/s/s", "mm/s2", "mm/s^2")},
 }  # fmt: skip
-"""Units of an acceleration as headers spell them, in small letters."""
+"""Units of acceleration as headers spell them, in lower case."""
 
 
 def read_peer(
     path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read a PEER ``.AT2`` file: a header of up to eight lines with the count, the step, the quantity and its unit, then values."""
+    """Read a PEER ``.AT2`` file: up to eight header lines with count, step, quantity and unit, then values."""
     lines = lines_of(path)
     count, step, last = _count_and_step(path, lines)
     _check_step(f"{path}, line {last + 1}", step, dt)
@@ -63,18 +63,18 @@ def _check_step(where: str, step: float, given: float | None) -> None:
         )
 
 
-def _check_count(where: str, said: str, right: bool, found: int) -> None:
+def _check_count(where: str, declared: str, right: bool, found: int) -> None:
     if not right:
         raise InputError(
             where,
-            f"the header says {said}, and {found} values follow",
+            f"the header says {declared}, and {found} values follow",
             "as many values as the header says",
             "The file is cut short or damaged: download it again.",
         )
 
 
 def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, float, int]:
-    """NPTS, DT [s], and the number from 0 of the last line of the header."""
+    """NPTS, DT [s], and the index of the last header line."""
     count, step = None, None
     for number, line in enumerate(lines[:8]):
         old = _OLD_HEADER.search(line)
@@ -94,13 +94,13 @@ def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int
 
 
 def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -> float:
-    """SI value of one unit of the values: what the header says, and somebody who gives it too."""
-    found = next(((n, m.group(1)) for n, line in enumerate(header, start=1) if (m := _UNIT.search(line))), None)
+    """SI value of one unit of the values, from the header or the argument."""
+    match = next(((n, m.group(1)) for n, line in enumerate(header, start=1) if (m := _UNIT.search(line))), None)
     given = None if unit is None else factor_of(unit, "m/s^2", f"{path}: unit")
-    if found is None:
+    if match is None:
         return STANDARD_GRAVITY if given is None else given
-    number, spelt = found
-    known = UNITS.get(spelt.lower())
+    number, spelt = match
+    factor_in_header = UNITS.get(spelt.lower())
     if _ANOTHER_UNIT.fullmatch(spelt):
         raise InputError(
             f"{path}, line {number}",
@@ -108,7 +108,7 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
             "g, gal, cm/sec**2, m/sec**2, …",
             "Take the acceleration of the same record. Or correct the header, if it holds one.",
         )
-    if known is None:
+    if factor_in_header is None:
         if given is not None:
             return given
         raise InputError(
@@ -117,7 +117,7 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
             "g, gal, cm/sec**2, m/sec**2, …",
             "Say which it is: GroundMotion.read(path, unit='cm/s^2').",
         )
-    by = factor(known)
+    by = factor(factor_in_header)
     if given is not None and abs(given / by - 1.0) > 1e-3:
         raise InputError(
             f"{path}, line {number}",
@@ -129,12 +129,12 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
 
 
 def _decimal(word: str) -> float:
-    """A number with a decimal comma, or with Fortran's exponent."""
+    """A number with a decimal comma or a Fortran exponent."""
     return float(re.sub("[dD]", "e", word.replace(",", ".")))
 
 
 def _repaired(line: str) -> str:
-    """A line as Fortran may print it: exponents with D, negative values without a space before them, decimal commas."""
+    """A line as Fortran may print it: D exponents, negative values without a preceding space, decimal commas."""
     apart = re.sub(r"(?<=[\d.])-", " -", re.sub(r"(?<=[\d.])[dD](?=[-+]?\d)", "e", line))
     return re.sub(r"(?<=\d),(?=\d)|(?<=[\s-]),(?=\d)", ".", apart).replace(",", " ")
 
@@ -142,7 +142,7 @@ def _repaired(line: str) -> str:
 def read_esm(
     path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read an ESM ASCII file: lines ``KEY: value``, then one value a line."""
+    """Read an ESM ASCII file: lines ``KEY: value``, then one value per line."""
     lines = lines_of(path)
     keys = {key.strip(): value.strip() for key, colon, value in (line.partition(":") for line in lines) if colon}
     last = max(number for number, line in enumerate(lines) if ":" in line)
@@ -161,8 +161,8 @@ def read_esm(
     _check_step(f"{path}", _decimal(step.group(1)), dt)
     by = _factor(path, lines[: last + 1], unit)
     values = numbers_of(path, lines[last + 1 :], first_line=last + 2)
-    told = keys.get("NDATA", str(values.size))
-    _check_count(f"{path}", f"NDATA: {told}", told == str(values.size), values.size)
+    declared = keys.get("NDATA", str(values.size))
+    _check_count(f"{path}", f"NDATA: {declared}", declared == str(values.size), values.size)
     return values * by, _decimal(step.group(1))
 
 
@@ -170,7 +170,7 @@ def read_esm(
 
 
 def lines_of(path: str | os.PathLike[str]) -> list[str]:
-    """Read the lines of a text file, whatever they end with."""
+    """Read the lines of a text file with any line ending."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")

@@ -16,7 +16,7 @@ DEFAULT_PERIODS = np.geomspace(0.02, 10.0, 120)
 """Oscillator periods of a response spectrum [s]."""
 DEFAULT_PERIODS.setflags(write=False)
 SHORTEST_PERIOD = 0.01
-"""Shortest period in time steps of the record: there the spectrum is the PGA."""
+"""Shortest period in time steps of the record; there the spectrum equals the PGA."""
 
 
 class ResponseSpectrum(NamedTuple):

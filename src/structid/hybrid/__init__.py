@@ -1,1 +1,1 @@
-"""Hybrid simulation: a structure cut into a numerical and a physical part, and what it takes to run both as one."""
+"""Hybrid simulation: a structure divided into a numerical and a physical part, and the experiment that couples them."""

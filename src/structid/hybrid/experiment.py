@@ -1,4 +1,4 @@
-"""A hybrid test: two parts, a specimen, a record; what it can do is said before, and what happened afterwards."""
+"""A hybrid test: two parts, a specimen, a record; a check beforehand, the run, the result."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from structid.mechanics.restoring_forces import CollapseError
 NEVER_RESUMED = "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began."
 
 INTERFACE_SHARE = 0.5
-"""Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
+"""Fraction of the numerical part's interface mass that belongs to a physical part without a description."""
 
 
 @check_arguments
@@ -127,8 +127,8 @@ class HybridTest:
         """Numerical and physical part."""
         if self.physical is not None:
             return self.numerical, self.physical
-        told, rows = self._description.stiffness, np.asarray(self.numerical.interface)
-        if told is None or len(told) != len(rows):
+        stiffness_of_specimen, rows = self._description.stiffness, np.asarray(self.numerical.interface)
+        if stiffness_of_specimen is None or len(stiffness_of_specimen) != len(rows):
             raise InputError(
                 "HybridTest.physical", "nothing", "a Substructure with mass, damping and K₀ of the specimen's part",
                 "It may be left out for a specimen that tells its stiffness and has one channel for each row of the interface.",
@@ -136,7 +136,11 @@ class HybridTest:
         shared = INTERFACE_SHARE * rows @ self.numerical.mass @ rows.T
         rest = replace(self.numerical, mass=self.numerical.mass - rows.T @ shared @ rows)
         return rest, Substructure(
-            shared, 0.0 * shared, np.array(told), list(range(len(told))), name=self._description.name
+            shared,
+            0.0 * shared,
+            np.array(stiffness_of_specimen),
+            list(range(len(stiffness_of_specimen))),
+            name=self._description.name,
         )
 
     @cached_property
@@ -173,7 +177,7 @@ class HybridTest:
         return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moved)
 
     def _seeing(self, moves: list[Move]) -> Callable[[Move], None]:
-        """Keep every move, and show it to the filter."""
+        """Keep every move, and pass it to the filter."""
         online = self.online
         if online is None:
             return moves.append
@@ -203,26 +207,26 @@ class HybridTest:
 
     @cached_property
     def _checked(self) -> Feasibility:
-        """The check, which is asked for once by itself and once by the run."""
-        joined = self._joined(self._force(self.specimen)).of_parts(*self._parts)
-        base = base_of(self.record, joined, self.duration)
+        """The check, computed once for the user and the run."""
+        coupled = self._joined(self._force(self.specimen)).of_parts(*self._parts)
+        base = base_of(self.record, coupled, self.duration)
         with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
-            virtual = self._virtual_moves(joined, base)
-        plan = Plan(joined, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
-        return judged(plan, virtual, (len(base) - 1) // joined.substeps)
+            virtual = self._virtual_moves(coupled, base)
+        plan = Plan(coupled, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
+        return judged(plan, virtual, (len(base) - 1) // coupled.substeps)
 
-    def _virtual_moves(self, joined: Joined, base: np.ndarray) -> VirtualMoves:
-        """What the specimen will go through, with the force that is expected of it.
+    def _virtual_moves(self, coupled: Joined, base: np.ndarray) -> VirtualMoves:
+        """Expected moves of the specimen, with the expected force.
 
-        A continuous motion is read late, and what is late, compensated or not, is commanded other moves: then it is a simulated
-        specimen behind a transfer system with the delays of this one.
+        A continuous motion is read late, and a delayed specimen, compensated or not, receives other commands. The run then uses a
+        simulated specimen behind a transfer system with the delays of this one.
         """
         channels, geometry = self._description.channels, self._geometry
         late = self._motion.continuous and any(channel.delay for channel in channels)
         if not (late and np.array_equal(geometry, np.eye(len(channels)))):
-            taken, collapse = _taken_virtually(joined, base)
-            moved = _imposed(joined, taken)
-            return VirtualMoves(moved[0] @ geometry.T, moved[1] @ np.linalg.pinv(geometry), collapse)
+            steps, collapse = _taken_virtually(coupled, base)
+            imposed_moves = _imposed(coupled, steps)
+            return VirtualMoves(imposed_moves[0] @ geometry.T, imposed_moves[1] @ np.linalg.pinv(geometry), collapse)
         specimen = SimulatedSpecimen(
             self._parts[1].force, [Actuator(delay=channel.delay) for channel in channels],
             channels=[channel.name for channel in channels], units=[channel.unit for channel in channels],
@@ -270,30 +274,38 @@ class HybridTest:
     def _run_unchecked(
         self, checked: Feasibility | None = None, store: Path | None = None, resume: bool = False
     ) -> HybridResult:
-        """Run also what cannot work; virtual specimens bear it."""
+        """Run a test that may be infeasible, which virtual specimens survive."""
         checked = self.check() if checked is None else checked
         moves: list[Move] = []
         if self.online is not None:
             self.online.begin(0.0 if self._description.datum is None else self._description.datum[0])
-        joined = self._joined(self._force(self.specimen, self._seeing(moves)))
+        coupled = self._joined(self._force(self.specimen, self._seeing(moves)))
         about = About(
             self._description,
             checked,
             self.record,
-            StepFrame.of(joined),
-            joined.substeps if joined.fine_is_physical else 1,
+            StepFrame.of(coupled),
+            coupled.substeps if coupled.fine_is_physical else 1,
         )
         earlier = self._earlier(store) if resume and store is not None else None
         recorder = None if store is None else Recorder(store, about.to_plain(), about.width)
-        rows, events = self._taken(joined, about, moves, recorder, earlier)
+        rows, events = self._taken(coupled, about, moves, recorder, earlier)
         result = about.result(rows, events)
         back = np.linalg.pinv(self._geometry)
-        seen = result.moves
-        stiffer = largest_secant(seen.measured, seen.target, seen.force, back.T @ self._parts[1].stiffness @ back)
+        moves_of_result = result.moves
+        stiffer = largest_secant(
+            moves_of_result.measured,
+            moves_of_result.target,
+            moves_of_result.force,
+            back.T @ self._parts[1].stiffness @ back,
+        )
         if stiffer > STIFFER:
-            said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
-            warnings.warn(said, StructidWarning, stacklevel=4)
-            events.insert(0, Event(result.steps * self.dt, said))  # what ended the test comes last
+            warning = (
+                f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: "
+                "steps may be unstable."
+            )
+            warnings.warn(warning, StructidWarning, stacklevel=4)
+            events.insert(0, Event(result.steps * self.dt, warning))  # what ended the test comes last
         path = None if self.online is None else self.online.path()
         result = replace(result, events=tuple(events), stiffness_ratio=stiffer, online=path)
         if recorder is not None and store is not None:
@@ -301,17 +313,17 @@ class HybridTest:
         return result
 
     def _taken(
-        self, joined: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
+        self, coupled: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
     ) -> tuple[np.ndarray, list[Event]]:
-        """Take all steps; rows of the finished ones, and what ended them."""
-        base = base_of(self.record, joined, self.duration)
+        """Take all steps; returns the rows of the completed ones, and what ended them."""
+        base = base_of(self.record, coupled, self.duration)
         rows: list[np.ndarray] = []
-        known = 0
+        known_rows = 0
 
         def keep(step: np.ndarray) -> None:
-            nonlocal known
-            rows.append(about.row(step, moves[known:]))
-            known = len(moves)
+            nonlocal known_rows
+            rows.append(about.row(step, moves[known_rows:]))
+            known_rows = len(moves)
             number = len(rows) - 1
             if earlier is not None and number < len(earlier) and not np.array_equal(rows[-1], earlier[number], True):
                 came = f"step {number} comes out otherwise than before"
@@ -320,20 +332,20 @@ class HybridTest:
                 recorder.add(rows[-1])
 
         try:
-            start = joined.start(base[0])
+            start = coupled.start(base[0])
             keep(about.frame.start_of(start))
-            for step in steps_over(joined, start, base):
+            for step in steps_over(coupled, start, base):
                 keep(about.frame.row_of(step))
             return np.stack(rows), []
         except (SpecimenError, RecordingError) as error:
-            said = str(error)
+            ending = str(error)
         except KeyboardInterrupt:
-            said = "It was stopped from the keyboard."
-        self.specimen.hold(said)
-        return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, said)]
+            ending = "It was stopped from the keyboard."
+        self.specimen.hold(ending)
+        return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, ending)]
 
     def _earlier(self, store: Path) -> np.ndarray | None:
-        """Rows of a simulated test that was cut off; its recording is put aside."""
+        """Rows of a simulated test that was interrupted; its recording is set aside."""
         if not journal_of(store).exists():
             return None
         if not self._description.simulated:
@@ -348,14 +360,14 @@ class HybridTest:
 
 
 def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResult:
-    """Put a recording into its store, where the disk lets it."""
+    """Move a recording to its store, if the disk allows it."""
     recorder.close()
     try:
         save(result, store)
     except OSError as error:
-        said = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
+        warning = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
         return replace(
-            result, events=(Event(float(result.coarse.time[-1]) if result.histories else 0.0, said), *result.events)
+            result, events=(Event(float(result.coarse.time[-1]) if result.histories else 0.0, warning), *result.events)
         )
     recorder.remove()
     for path in (journal_of(store), *tails_of(store)):
@@ -363,21 +375,21 @@ def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResu
     return result
 
 
-def _taken_virtually(joined: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
-    """Steps of a run with the force that is expected of the specimen, and how that failed; empty where it did not."""
-    taken: list[CoarseStep] = []
+def _taken_virtually(coupled: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
+    """Steps of a run with the expected force, and how it failed; empty where it did not."""
+    steps: list[CoarseStep] = []
     try:
-        for step in steps_over(joined, joined.start(base[0]), base):
-            taken.append(step)
+        for step in steps_over(coupled, coupled.start(base[0]), base):
+            steps.append(step)
     except (CollapseError, SpecimenError) as collapse:
-        return taken, f"In the virtual run the specimen fails at {len(taken) * joined.dt:.3g} s: {collapse}."
-    return taken, ""
+        return steps, f"In the virtual run the specimen fails at {len(steps) * coupled.dt:.3g} s: {collapse}."
+    return steps, ""
 
 
-def _imposed(joined: Joined, taken: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:
-    """Where the physical part was moved to, and what it answered, shape (move, dof)."""
-    if joined.fine_is_physical:
-        parts = [step.fine.part for step in taken]
+def _imposed(coupled: Joined, steps: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements imposed on the physical part, and its forces, shape (move, dof)."""
+    if coupled.fine_is_physical:
+        parts = [step.fine.part for step in steps]
         return np.concatenate([p.imposed for p in parts]), np.concatenate([p.reading for p in parts])
-    states = [step.state.physical for step in taken]
+    states = [step.state.physical for step in steps]
     return np.stack([s.imposed for s in states]), np.stack([s.reading for s in states])

@@ -1,4 +1,4 @@
-"""Whether a hybrid test can work, before anything moves: its figures, what cannot work, what one should know."""
+"""Feasibility of a hybrid test, before anything moves: its figures, refusals, warnings."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ from structid.hybrid.laboratory.specimen import SpecimenDescription
 from structid.hybrid.substructures.substructure import Substructure
 
 LARGEST_FINE_STEP = 0.5
-"""ω_P Δt of a fine specimen that is coupled by a virtual step; beyond it its spurious damping is no longer small."""
+"""Largest ω_P Δt of a fine specimen coupled by a virtual step; beyond it the spurious damping is no longer small."""
 ROUNDING = 1e-6
-"""Of a stiffness and of an amplification that should be one or less."""
+"""Tolerance of a stiffness ratio and an amplification that should be at most one."""
 ABSURD = 1e3
-"""Displacement [m] that no specimen comes to."""
+"""Displacement [m] that no specimen reaches."""
 TANGENT_ERROR = 1e-4
-"""Of a stiffness that was probed, over K₀."""
+"""Error of a probed stiffness, relative to K₀."""
 PROBE = 1e-7
-"""Displacement [m] by which the first tangent of what is expected is probed."""
+"""Displacement [m] for probing the first tangent of the expected force."""
 SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
-"""Shares of K₀ at which the damping of a softened specimen is looked at."""
+"""Fractions of K₀ at which the damping of a softened specimen is examined."""
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """What is known of a test before it starts."""
+    """Figures, refusals and warnings of a test before it starts."""
 
-    critical_delay: float  # λ τ_c [s] of wall time; infinite where every delay is borne
-    delay: float  # Of the transfer system, as the specimen tells it [s]
-    damping: tuple[float, ...]  # Damping ratio of every mode of the structure with that delay and the compensation
+    critical_delay: float  # λ τ_c [s] of wall time; infinite where no delay is critical
+    delay: float  # delay of the transfer system, as declared by the specimen [s]
+    damping: tuple[float, ...]  # damping ratio of every mode of the structure with that delay and the compensation
     # Least damping ratio, most often negative, that the coupling adds to a mode of a softened specimen
     spurious_damping: float
     # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
     stroke: tuple[float, ...]
     # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
     velocity: tuple[float, ...]
-    force: tuple[float, ...]  # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
-    wall_time: float  # How long it will take [s]
-    steps: int  # Coarse steps
-    refusals: tuple[str, ...] = ()  # Why it cannot work; what one should know
-    warnings: tuple[str, ...] = ()  # Why it cannot work; what one should know
+    force: tuple[float, ...]  # largest force of every channel in a virtual run [N]
+    wall_time: float  # expected duration [s]
+    steps: int  # number of coarse steps
+    refusals: tuple[str, ...] = ()  # reasons why it cannot work
+    warnings: tuple[str, ...] = ()  # warnings
 
     @property
     def can_work(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether there is no refusal."""
         return not self.refusals
 
     def __str__(self) -> str:
@@ -76,23 +76,23 @@ class Feasibility:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a test is going to do, as far as it must be judged."""
+    """What a test is going to do, as input of the check."""
 
-    joined: Joined  # Both parts, the physical one with what it is expected to answer
-    description: SpecimenDescription  # What the specimen says of itself
+    joined: Joined  # both parts, the physical one with its expected force
+    description: SpecimenDescription  # description of the specimen
     geometry: Float[np.ndarray, "channel dof"]  # B
-    motion: Motion  # Of the specimen
-    compensation: Compensation | None  # Of the transfer system
+    motion: Motion  # motion of the specimen
+    compensation: Compensation | None  # compensation of the transfer system
     time_scale: float  # λ
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualMoves:
-    """What a specimen went through in a virtual run, with the force that is expected of it."""
+    """Moves of a specimen in a virtual run, with the expected force."""
 
-    targets: Float[np.ndarray, "move channel"]  # Where it was moved to [m]
-    forces: Float[np.ndarray, "move channel"]  # Its forces [N]
-    collapse: str = ""  # How it failed; empty where it did not
+    targets: Float[np.ndarray, "move channel"]  # displacements [m]
+    forces: Float[np.ndarray, "move channel"]  # forces [N]
+    collapse: str = ""  # how it failed; empty where it did not
 
     @property
     def bounded(self) -> bool:
@@ -101,7 +101,7 @@ class VirtualMoves:
 
 
 def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
-    """Say how far and how fast pistons will be commanded, with the compensation, which overshoots and makes small jumps fast."""
+    """Largest displacement and rate of the commands with compensation, which overshoots and amplifies small jumps."""
     step = plan.description.controller_step
     started = np.concatenate([0.0 * targets[:1], targets])
     if plan.compensation is None:
@@ -125,29 +125,29 @@ def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> Float
 
 
 def _loop_factor(plan: Plan, omega: float, delay: float) -> complex:
-    """G = gain · e^(−iωτ), by which a loop multiplies the specimen's force at a frequency ω of simulated time."""
+    """G = gain · e^(−iωτ), by which the loop multiplies the specimen's force at a frequency ω of simulated time."""
     turned = omega / plan.time_scale
     gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, delay)
     return complex(gain * np.exp(-1j * turned * delay))
 
 
 def spurious_damping(plan: Plan) -> float:
-    """Least damping that the coupling adds to a mode of a specimen that has softened, without any of its own."""
+    """Smallest damping that the coupling adds to a mode of a softened specimen without damping of its own."""
     numerical, physical = (side.part for side in (plan.joined.numerical, plan.joined.physical))
-    found = [
+    dampings = [
         free_oscillations(plan.joined.of_parts(numerical.undamped().softened(1.0), physical.undamped().softened(share)))
         for share in SOFTENED
     ]
-    return min(float(f.damping_ratios.min(initial=0.0)) for f in found)
+    return min(float(f.damping_ratios.min(initial=0.0)) for f in dampings)
 
 
 def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
-    """Judge a test by a virtual run."""
+    """Check a test by a virtual run."""
     whole = WholeStructure.of(plan.joined)
     delay = max(channel.delay for channel in plan.description.channels)
     with np.errstate(over="ignore", invalid="ignore"):
         stroke, velocity = commanded(plan, virtual.targets)
-    found = Feasibility(
+    feasibility = Feasibility(
         plan.time_scale * whole.critical_delay.delay,
         delay,
         tuple(map(float, damping_with_delay(plan, whole, delay))),
@@ -159,30 +159,36 @@ def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
         steps,
     )
     stiffness = largest_stiffness(plan, virtual)
-    refusals = (*_late(plan, whole, found), *_unstable(plan, virtual, stiffness), *_beyond_limits(plan, found))
+    refusals = (
+        *_late(plan, whole, feasibility),
+        *_unstable(plan, virtual, stiffness),
+        *_beyond_limits(plan, feasibility),
+    )
     return replace(
-        found, refusals=refusals, warnings=(*_warnings(plan, found, stiffness), *filter(None, [virtual.collapse]))
+        feasibility,
+        refusals=refusals,
+        warnings=(*_warnings(plan, feasibility, stiffness), *filter(None, [virtual.collapse])),
     )
 
 
 def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
-    """Largest stiffness of the specimen over K₀, as it tells it or as it is expected."""
+    """Largest stiffness of the specimen over K₀, declared or expected."""
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
-    found = [
+    ratios = [
         1.0,
         float(scipy.linalg.eigh(_first_tangent(plan.joined.physical.part), stiffness, eigvals_only=True).max()),
     ]
     if plan.description.stiffness is not None:
-        told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
-        found.append(float(scipy.linalg.eigh(told, stiffness, eigvals_only=True).max()))
+        declared = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
+        ratios.append(float(scipy.linalg.eigh(declared, stiffness, eigvals_only=True).max()))
     if virtual.bounded:
         secant = largest_secant(virtual.targets, virtual.targets, virtual.forces, back.T @ stiffness @ back)
-        found += [secant] if secant > STIFFER else []
-    return max(found)
+        ratios += [secant] if secant > STIFFER else []
+    return max(ratios)
 
 
 def _first_tangent(part: Substructure) -> np.ndarray:
-    """Of the force that is expected, by small moves from rest."""
+    """Tangent of the expected force, by small moves from rest."""
     start = np.zeros(part.dofs)
     at_rest, memory = part.force.begin(start)
     columns = [(part.force.at(memory, PROBE * row)[0] - at_rest) / PROBE for row in np.eye(part.dofs)]
@@ -191,7 +197,7 @@ def _first_tangent(part: Substructure) -> np.ndarray:
 
 
 def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
-    """What is wrong with the delay, a sentence each."""
+    """Problems of the delay, one sentence each."""
     if not plan.motion.continuous:
         waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
         if plan.motion.settles or waits >= found.delay:
@@ -219,36 +225,36 @@ def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
 
 
 def _unstable(plan: Plan, virtual: VirtualMoves, stiffness: float) -> list[str]:
-    """What is wrong with steps and splitting, a sentence each."""
-    said = []
-    joined, physical = plan.joined, plan.joined.physical.part
-    step = physical.largest_frequency * joined.dt
-    if joined.guesses_for_specimen and step > LARGEST_FINE_STEP:
-        said.append(
+    """Problems of steps and splitting, one sentence each."""
+    sentences = []
+    coupled, physical = plan.joined, plan.joined.physical.part
+    step = physical.largest_frequency * coupled.dt
+    if coupled.guesses_for_specimen and step > LARGEST_FINE_STEP:
+        sentences.append(
             f"ω Δt of the fine specimen is {step:.2f}, at most {LARGEST_FINE_STEP:g} is allowed: its spurious damping grows with "
             f"the cube. Take Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, or the numerical part as the "
             "fine one, or GravouilCombescure."
         )
     if stiffness > 1.0 + TANGENT_ERROR:
-        stiff = joined.of_parts(joined.numerical.part.softened(1.0), physical.softened(stiffness))
+        stiff = coupled.of_parts(coupled.numerical.part.softened(1.0), physical.softened(stiffness))
         if (radius := spectral_radius(stiff)) > 1.0 + ROUNDING:
-            said.append(
-                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {joined.dt:g} s grows "
+            sentences.append(
+                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {coupled.dt:g} s grows "
                 f"by {radius:.3g}. K₀ must be its largest tangent; or take smaller steps."
             )
     if not virtual.bounded:
-        said.append("In the virtual run displacements grow beyond all bounds: the steps are unstable.")
+        sentences.append("In the virtual run displacements grow beyond all bounds: the steps are unstable.")
     if plan.motion.samples > plan.description.longest_path:
-        said.append(
+        sentences.append(
             f"A move has {plan.motion.samples} controller steps, and the specimen takes {plan.description.longest_path} at most. "
             "Choose a smaller time scale, or smaller steps."
         )
-    return said
+    return sentences
 
 
 def _beyond_limits(plan: Plan, found: Feasibility) -> list[str]:
-    """What is beyond the limits of the channels, a sentence each."""
-    said = []
+    """Exceeded limits of the channels, one sentence each."""
+    sentences = []
     for k, channel in enumerate(plan.description.channels):
         for what, unit, limit, value in (
             ("displacement", channel.unit, channel.stroke, found.stroke[k]),
@@ -257,25 +263,25 @@ def _beyond_limits(plan: Plan, found: Feasibility) -> list[str]:
         ):
             if limit is not None and not value <= limit:
                 cure = " Choose a larger time scale." if what == "velocity" else " Choose a weaker record."
-                said.append(
+                sentences.append(
                     f"{channel.name}: a {what} of {value:.4g} {unit} is expected, and the limit is {limit:.4g}.{cure}"
                 )
-    return said
+    return sentences
 
 
 def _warnings(plan: Plan, found: Feasibility, stiffness: float) -> list[str]:
-    """What one should know, a sentence each."""
-    said = []
+    """Warnings, one sentence each."""
+    sentences = []
     if found.spurious_damping < -1e-6:
-        said.append(
+        sentences.append(
             f"A specimen that softens gets a spurious damping of down to {100.0 * found.spurious_damping:.2g} % from this coupling."
         )
     if stiffness > 1.0 + TANGENT_ERROR:
-        said.append(
+        sentences.append(
             f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps "
             "may be unstable."
         )
     if plan.compensation is None and plan.motion.continuous and found.delay > 0.5 * found.critical_delay:
         share = found.delay / found.critical_delay
-        said.append(f"The delay is {100.0 * share:.0f} % of the critical one, and nothing compensates it.")
-    return said
+        sentences.append(f"The delay is {100.0 * share:.0f} % of the critical one, and nothing compensates it.")
+    return sentences

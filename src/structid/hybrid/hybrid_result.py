@@ -1,4 +1,4 @@
-"""What happened in a hybrid test: histories on both clocks, the specimen's moves, events, how well it followed."""
+"""The result of a hybrid test: histories on both clocks, the specimen's moves, events, tracking."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
 
 
 class Event(NamedTuple):
-    """Something that happened to a test."""
+    """An event of a test."""
 
-    time: float  # Simulated time [s]
-    what: str  # In words
+    time: float  # simulated time [s]
+    what: str  # description
 
 
 @dataclass(frozen=True, eq=False)
 class MoveHistory:
-    """Every motion of the specimen, in order; arrays (move, channel), the first of them before the test at rest."""
+    """Every motion of the specimen, in order; arrays (move, channel), the first one at rest before the test."""
 
-    time: Float[np.ndarray, " move"]  # Simulated time at its end [s]
-    target: np.ndarray  # Where it should be, what was sent, where it was [m]
-    command: np.ndarray  # Where it should be, what was sent, where it was [m]
-    measured: np.ndarray  # Where it should be, what was sent, where it was [m]
-    force: np.ndarray  # That it exerts [N]
+    time: Float[np.ndarray, " move"]  # simulated time at its end [s]
+    target: np.ndarray  # target displacement [m]
+    command: np.ndarray  # commanded displacement [m]
+    measured: np.ndarray  # measured displacement [m]
+    force: np.ndarray  # force of the specimen [N]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -57,13 +57,13 @@ class MoveHistory:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """How well one channel followed."""
+    """Tracking of one channel."""
 
     error: float  # RMS (u_m − u_c)/RMS u_c
-    index: FrequencyEvaluationIndex | None  # Amplitude and delay; None where nothing was to move
+    index: FrequencyEvaluationIndex | None  # amplitude and delay; None where nothing was to move
     # Area in the synchronisation subspace [m²], growing while it lags
     indicator: Float[np.ndarray, " move"] = field(repr=False)
-    energy: Float[np.ndarray, " move"] = field(repr=False)  # Energy error [J], above 0 where it feeds the structure
+    energy: Float[np.ndarray, " move"] = field(repr=False)  # energy error [J]; positive where it feeds the structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +101,12 @@ class HybridResult(ShownAsText):
 
     @property
     def steps(self) -> int:
-        """Coarse steps that were finished."""
+        """Number of completed coarse steps."""
         return 0 if self.histories is None else len(self.histories.coarse.time) - 1
 
     @property
     def finished(self) -> bool:
-        """Whether it came to the end of the record."""
+        """Whether it reached the end of the record."""
         return self.steps == self.feasibility.steps
 
     @property
@@ -118,23 +118,23 @@ class HybridResult(ShownAsText):
 
     @cached_property
     def tracking(self) -> dict[str, Tracking]:
-        """How well each channel followed, by its name."""
-        found = {}
+        """Tracking of each channel, by name."""
+        tracking = {}
         for k, channel in enumerate(self.description.channels):
             target, measured = self.moves.target[:, k], self.moves.measured[:, k]
             step = float(self.moves.time[1]) if len(self.moves) > 1 else 1.0
             index = frequency_evaluation_index(target, measured, step) if np.any(target) else None
-            found[channel.name] = Tracking(
+            tracking[channel.name] = Tracking(
                 root_mean_square_error(target, measured) if len(target) else np.nan,
                 index,
                 tracking_indicator(target, measured),
                 energy_error(self.moves.force[:, k], target, measured),
             )
-        return found
+        return tracking
 
     @property
     def datum(self) -> np.ndarray:
-        """Where the zero of the channels is, from where it was before the first test, shape (channel,)."""
+        """Zero of the channels, relative to the position before the first test, shape (channel,)."""
         datum = self.description.datum
         return np.zeros(len(self.description.channels)) if datum is None else np.array(datum)
 
@@ -187,8 +187,8 @@ class HybridResult(ShownAsText):
         ]
         excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed, f"moves of {name}")
         names = tuple(channels) or force_channels(units)
-        known = None if sd is None else np.tile(_for_each(sd, names), (len(forces), 1))
-        return Observation(excitation, forces, names, name=name, sd=known)
+        sds = None if sd is None else np.tile(_for_each(sd, names), (len(forces), 1))
+        return Observation(excitation, forces, names, name=name, sd=sds)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw how an actuator followed, and the loop that it moved.
@@ -207,13 +207,15 @@ class HybridResult(ShownAsText):
         """
         from structid.figures import hybrid as figure
 
-        names = [told.name for told in self.description.channels]
+        names = [channel_description.name for channel_description in self.description.channels]
         k = 0 if channel is None else names.index(check_choice("HybridResult.plot", channel, names))
-        turns, found, moves = self.description.channels[k].unit == "rad", self.tracking[names[k]], self.moves
+        turns, result, moves = self.description.channels[k].unit == "rad", self.tracking[names[k]], self.moves
         loop = (names[k], 1e3 * moves.measured[:, k], 1e-3 * moves.force[:, k])
         plane = (names[k], 1e3 * moves.target[:, k], 1e3 * moves.measured[:, k])
         units = ("mrad", "kN m") if turns else ("mm", "kN")
-        return figure.loop_and_tracking(loop, plane, moves.time, 1e6 * found.indicator, found.energy, units, save=save)
+        return figure.loop_and_tracking(
+            loop, plane, moves.time, 1e6 * result.indicator, result.energy, units, save=save
+        )
 
     def __str__(self) -> str:
         time = 0.0 if self.histories is None else self.histories.coarse.time[-1]
@@ -223,8 +225,8 @@ class HybridResult(ShownAsText):
 
 def _for_each(sd: float | Sequence[float] | np.ndarray, channels: Sequence[str]) -> np.ndarray:
     """A standard deviation for each channel."""
-    known = np.atleast_1d(np.asarray(sd, dtype=np.float64))
-    if known.shape not in ((1,), (len(channels),)) or not (np.isfinite(known) & (known > 0.0)).all():
+    sds = np.atleast_1d(np.asarray(sd, dtype=np.float64))
+    if sds.shape not in ((1,), (len(channels),)) or not (np.isfinite(sds) & (sds > 0.0)).all():
         allowed = f"one positive number, or one for each of {', '.join(channels)}"
         raise InputError("HybridResult.observation: sd", f"{sd!r}", allowed)
-    return np.asarray(np.broadcast_to(known, (len(channels),)))
+    return np.asarray(np.broadcast_to(sds, (len(channels),)))

@@ -1,4 +1,4 @@
-"""Hybrid tests one after the other on one specimen, which keeps its damage."""
+"""A programme of hybrid tests on one specimen, which keeps its damage."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Watching = Callable[[str, HybridTest], None]
 """Called with the name of a test and the test, before it begins."""
 
 PREFIX, SUFFIX = "test_", ".h5"
-"""Of the name of a store."""
+"""Prefix and suffix of a store's name."""
 
 
 def store_of(folder: Path, name: str) -> Path:
-    """Name the store of a test."""
+    """Path of the store of a test."""
     return folder / f"{PREFIX}{name}{SUFFIX}"
 
 
 def tests_in(folder: Path, ending: str = "") -> list[str]:
-    """Name the tests that have a store in a folder."""
-    found = sorted(folder.glob(f"{PREFIX}*{SUFFIX}{ending}"), key=lambda path: path.stat().st_mtime)
-    return [path.name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}{ending}") for path in found]
+    """Names of the tests with a store in a folder."""
+    stores = sorted(folder.glob(f"{PREFIX}*{SUFFIX}{ending}"), key=lambda path: path.stat().st_mtime)
+    return [path.name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}{ending}") for path in stores]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,12 @@ class ProgrammeResult(ShownAsText):
 
     @property
     def finished(self) -> bool:
-        """Whether all tests came to their end."""
+        """Whether all tests were completed."""
         return len(self.tests) == len(self.planned) and all(test.finished for test in self.tests.values())
 
     @property
     def ended_by(self) -> str:
-        """What ended it before its time, with the test; empty for a finished one."""
+        """What ended it early, with the test; empty for a completed one."""
         for name, test in self.tests.items():
             if not test.finished:
                 event = test.events[-1] if test.events else None
@@ -177,28 +177,28 @@ class Programme:
             If a test cannot work, before anything moves; if the folder holds a programme already; if a test on a structure is to
             be resumed in its middle.
         """
-        for name, found in self.check().items():
-            if not found.can_work:
-                raise InputError(f"test {name}", " ".join(found.refusals).removesuffix("."), "a test that can work")
+        for name, result in self.check().items():
+            if not result.can_work:
+                raise InputError(f"test {name}", " ".join(result.refusals).removesuffix("."), "a test that can work")
         stores = {name: None if folder is None else store_of(Path(folder), name) for name in self.tests}
         if not resume:
             for store in stores.values():
                 if store is not None and store.exists():
                     raise InputError(f"{folder}", f"{store.name} is there already", "a new folder, or resume=True")
-        specimen, moved = next(iter(self.tests.values())).specimen, False
+        specimen, has_moved = next(iter(self.tests.values())).specimen, False
         results: dict[str, HybridResult] = {}
         for name, planned in self.tests.items():
-            known = _stored(stores[name]) if resume else None
-            if known is not None and not known.description.simulated:
-                results[name] = _finished(known, stores[name])
+            stored = _stored(stores[name]) if resume else None
+            if stored is not None and not stored.description.simulated:
+                results[name] = _finished(stored, stores[name])
                 continue
             try:
-                test = replace(planned, specimen=specimen.released() if moved else specimen)
+                test = replace(planned, specimen=specimen.released() if has_moved else specimen)
             except SpecimenError as error:
                 return ProgrammeResult(results, tuple(self.tests), str(error))
             if watching is not None:
                 watching(name, test)
-            results[name], moved = _run(test, stores[name], resume, known), True
+            results[name], has_moved = _run(test, stores[name], resume, stored), True
             specimen = test.specimen
             specimen.close()
             if not results[name].finished:
@@ -207,12 +207,12 @@ class Programme:
 
 
 def _stored(store: Path | None) -> HybridResult | None:
-    """What a store holds; None where there is none."""
+    """The stored result of a test; None where there is none."""
     return open_hybrid(store) if store is not None and store.exists() else None
 
 
 def _finished(known: HybridResult, store: Path | None) -> HybridResult:
-    """A finished test on a structure: it stays as it is, and its operator has released the specimen since."""
+    """Return a completed test on a structure unchanged; its operator has released the specimen since."""
     if not known.finished:
         raise InputError(
             f"{store}", "a test on a structure that did not come to its end", "one that did",
@@ -222,7 +222,7 @@ def _finished(known: HybridResult, store: Path | None) -> HybridResult:
 
 
 def _run(test: HybridTest, store: Path | None, resume: bool, known: HybridResult | None) -> HybridResult:
-    """Run a test, or do again what is stored of it."""
+    """Run a test, or repeat what is stored of it."""
     if known is None:
         return test.run(store, resume=resume)
     again = test.run()

@@ -1,4 +1,4 @@
-"""A hybrid test whose specimen is a model too: a model of the whole, for campaigns, surrogates and posteriors."""
+"""A hybrid test whose specimen is also a model: a model of the whole, for campaigns, surrogates and posteriors."""
 
 from __future__ import annotations
 
@@ -99,12 +99,12 @@ class VirtualHybridTest(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return "virtual hybrid test"
 
     @property
     def _inner(self) -> list[int]:
-        """Degrees of freedom of the numerical part that are not at the interface."""
+        """Degrees of freedom of the numerical part away from the interface."""
         return [int(k) for k in np.flatnonzero(~np.any(np.asarray(self.numerical.interface) != 0.0, axis=0))]
 
     @cached_property
@@ -116,13 +116,13 @@ class VirtualHybridTest(TraceableModel):
         )
 
     def _joined(self, theta: Any) -> Joined:
-        """Both parts, of as many runs as there are rows."""
+        """Both parts, for as many runs as there are rows."""
         force = self.specimen.static_force(theta)
         assert force is not None  # __post_init__ has looked
         way = np.zeros((1, force.dofs)) if self.way is None else self.way
         force = CarriedOver(InPieces(force, self.pieces), way)
-        joined = self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
-        return replace(joined, keeps_fine=False)
+        coupled = self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
+        return replace(coupled, keeps_fine=False)
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -156,19 +156,19 @@ class VirtualHybridTest(TraceableModel):
         TimeLoop
             Of coarse steps.
         """
-        joined, fine = self._joined(theta), self.coupling.substeps
+        coupled, fine = self._joined(theta), self.coupling.substeps
         stages = excitation.stages.reshape(len(excitation.stages), -1, fine, 3)
 
         def step(state: CoupledState, row: Any) -> tuple[CoupledState, None]:
-            return joined.step(state, jnp.concatenate([row[:1, 0], row[:, 2]])).state, None
+            return coupled.step(state, jnp.concatenate([row[:1, 0], row[:, 2]])).state, None
 
         def sample(state: CoupledState, rows: Any) -> tuple[CoupledState, Any]:
-            seen = self._seen(state)
+            outputs = self._seen(state)
             if len(rows) == 1:
-                return step(state, rows[0])[0], seen
-            return lax.scan(step, state, rows)[0], seen
+                return step(state, rows[0])[0], outputs
+            return lax.scan(step, state, rows)[0], outputs
 
-        start = joined.start(stages[0, 0, 0, 0], jnp.zeros(theta.shape[0]))
+        start = coupled.start(stages[0, 0, 0, 0], jnp.zeros(theta.shape[0]))
         return TimeLoop(start, sample, stages, excitation.dropped_samples, _finite)
 
     def _seen(self, state: CoupledState) -> Any:

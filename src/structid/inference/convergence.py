@@ -1,4 +1,4 @@
-"""Figures of convergence: autocorrelation time, effective sample size, R-hat over independent ensembles, stuck walkers."""
+"""Convergence diagnostics: autocorrelation time, effective sample size, R-hat over independent ensembles, stuck walkers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from structid.probability.ranks import ranks
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
-"""Smallest number of steps searched for walkers that end far below the others."""
+"""Minimum number of steps searched for walkers that end far below the others."""
 IN_TURN, ERRORS_OF_CHANCE = 0.1, 6.0
-"""Autocorrelation, beyond so many errors of chance, at the lag of the walkers of an ensemble. With less, τ is 1.2 at most."""
+"""Autocorrelation at the lag of an ensemble's walkers that must be exceeded by this many standard errors. With less, τ is at
+most 1.2."""
 FEWEST_MOVES = 50
-"""A walker is judged by its acceptance only if the median walker has at least this many accepted moves."""
+"""The acceptance of a walker is assessed only if the median walker has at least this many accepted moves."""
 
 
 def autocorrelation_time(series: Float[np.ndarray, "series step"], window: float = 5.0) -> float:
@@ -43,8 +44,8 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     lags = np.arange(steps)
     long_enough = np.flatnonzero(lags >= window * sums)
     last = long_enough[0] if long_enough.size else steps - 1
-    seen = 1.0 + 2.0 * np.sum(1.0 - lags[1 : last + 1] / steps)
-    time = float(max(sums[last] / max(1.0 - seen / (count * steps), 1.0 / steps), 1.0))
+    window_sum = 1.0 + 2.0 * np.sum(1.0 - lags[1 : last + 1] / steps)
+    time = float(max(sums[last] / max(1.0 - window_sum / (count * steps), 1.0 / steps), 1.0))
     return time, time * float(np.sqrt(2.0 * (2 * last + 1) / (count * steps)))
 
 
@@ -56,14 +57,14 @@ def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarr
 
 
 def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
-    """Number of walkers whose draws follow one another in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
+    """Number of walkers whose draws alternate in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
 
-    Neighbours are then independent, and the draws of one walker, so many further on, are not.
+    Neighbouring draws are then independent, while draws of the same walker, that number apart, are not.
     """
     covariance = autocovariance(draws)
     correlation = np.mean(covariance / covariance[0], axis=1)
-    seen = IN_TURN + ERRORS_OF_CHANCE / np.sqrt(draws.size)
-    apart = np.flatnonzero(correlation > seen)[1:]
+    threshold = IN_TURN + ERRORS_OF_CHANCE / np.sqrt(draws.size)
+    apart = np.flatnonzero(correlation > threshold)[1:]
     return int(apart[0]) if apart.size and apart[0] > 1 else 1
 
 
@@ -82,7 +83,7 @@ def effective_sample_size(draws: Float[np.ndarray, "step ensemble walker"]) -> f
 
 
 def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Standard error of the mean of a quantity: the larger of that by the effective number of draws and that by the ensembles."""
+    """Standard error of the mean of a quantity: the larger estimate from effective sample size and from ensembles."""
     of_ensembles = draws.mean(axis=(0, 2))
     by_size = draws.var() / max(effective_sample_size(draws), 1.0) if np.ptp(draws) else 0.0
     by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
@@ -92,11 +93,11 @@ def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Integrated autocorrelation time of a quantity, which gives the error of its mean.
 
-    What counts is τ of the mean over each ensemble. A few ensembles determine it badly: from 300 steps with τ = 60, to a factor
-    of four. The many walkers determine their own τ well, but not how they depend on one another. So the result is the walkers' τ,
-    plus a share of the difference d by which the means' τ exceeds it. With the standard error s of the means' τ, this share is
-    (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains shorter than some
-    ten τ, the walkers alone decide: see `longest_time`.
+    The relevant τ is that of the mean over each ensemble. A few ensembles determine it poorly: from 300 steps with τ = 60, to a
+    factor of four. The many walkers determine their own τ well, but not their dependence on one another. The result is therefore
+    the walkers' τ plus a fraction of the difference d by which the means' τ exceeds it. With the standard error s of the means'
+    τ, this fraction is (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains
+    shorter than some ten τ, only the walkers are used: see `longest_time`.
     """
     alone, together, error = _times_alone_and_together(draws)
     beyond = together - alone
@@ -104,13 +105,13 @@ def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 
 
 def longest_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """The longer of two autocorrelation times, the walkers' and their ensemble means', by which a chain's length is judged."""
+    """The longer of the walkers' autocorrelation time and that of their ensemble means, for the required chain length."""
     alone, together, _ = _times_alone_and_together(draws)
     return float(np.fmax(alone, together))
 
 
 def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
-    """τ of the walkers, τ of the means over each ensemble, and the standard error of that."""
+    """τ of the walkers, τ of the means over each ensemble, and the standard error of the latter."""
     return autocorrelation_time(draws.reshape(len(draws), -1).T), *_time_and_error(draws.mean(axis=2).T)
 
 
@@ -120,7 +121,7 @@ def bulk_and_tail_size(draws: Float[np.ndarray, "step ensemble walker"]) -> tupl
 
 
 def _size_beyond(draws: np.ndarray, share: float) -> float:
-    """The smaller effective sample size of the two tails that hold a share of the draws each."""
+    """The smaller effective sample size of the two tails that each contain a fraction of the draws."""
     return min(effective_sample_size((draws <= q).astype(np.float64)) for q in np.quantile(draws, [share, 1.0 - share]))
 
 
@@ -154,7 +155,7 @@ def normal_scores(draws: np.ndarray) -> np.ndarray:
 def stuck_walkers(
     accepted: Bool[np.ndarray, "step ensemble walker"], log_density: Float[np.ndarray, "step ensemble walker"]
 ) -> Bool[np.ndarray, "ensemble walker"]:
-    """Walkers that hardly move, or that end far below where the others are."""
+    """Walkers that hardly move, or that end far below the others."""
     rate = accepted.mean(axis=0)
     # Where few moves are expected, a low count may be chance.
     telling = np.median(rate) * len(accepted) >= FEWEST_MOVES

@@ -1,4 +1,4 @@
-"""Which law of the errors the data favour: by its evidence, each law with the same model and measurements."""
+"""Choice of the error model by its evidence, with the same model and measurements."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 AUTO = "auto"
-"""In place of a law of the errors: the data choose it."""
+"""In place of an error model: let the data choose it."""
 
 EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
-"""Particles under each law."""
+"""Sampler under each error model."""
 
 ERRORS_APART = 2.0
-"""A law is preferred to a simpler one where its log evidence is larger by more than so many of their combined errors."""
+"""An error model is preferred to a simpler one if its log evidence is larger by more than this many combined errors."""
 
 _log = logging.getLogger(__name__)
 
 
 def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
-    """List the laws that are worth a try, the simplest first."""
+    """List the error models worth trying, simplest first."""
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
 
@@ -67,7 +67,7 @@ class LawChoice(ShownAsText):
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """The laws in words."""
+        """Names of the error models."""
         return tuple(_in_words(_posterior(r).law) for r in self.results)
 
     @property
@@ -77,53 +77,53 @@ class LawChoice(ShownAsText):
 
     @property
     def chosen(self) -> int:
-        """Place of the first law whose evidence is the largest, within the errors of both."""
+        """Index of the first error model with the largest evidence, within the errors of both."""
         allowed = {
-            place: e
-            for place, e in enumerate(self.evidences)
-            if not (self.added_only and _posterior(self.results[place]).law.inside)
+            index: e
+            for index, e in enumerate(self.evidences)
+            if not (self.added_only and _posterior(self.results[index]).law.inside)
         }
         best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
         return next(
-            place for place, e in allowed.items() if (best - e).value <= ERRORS_APART * (best - e).error or e is best
+            index for index, e in allowed.items() if (best - e).value <= ERRORS_APART * (best - e).error or e is best
         )
 
     @property
     def result(self) -> SamplingResult:
-        """Draws under the chosen law: explored, not yet sampled at length."""
+        """Draws under the chosen error model, from a short run."""
         return self.results[self.chosen]
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior with the chosen law."""
+        """The posterior with the chosen error model."""
         return _posterior(self.result)
 
     @property
     def sentence(self) -> str:
-        """What was chosen, and what it says of the model."""
+        """The choice, and what it implies for the model."""
         if self.added_only:
             return (
                 f"{self.laws[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, but their "
                 "hidden values could not be sampled reliably: independent populations disagree."
             )
-        said = self.said
+        choice = self.said
         if not self.posterior.law.inside:
-            return said
+            return choice
         drift = ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)
-        return " ".join(filter(None, (said, drift, self.remark)))
+        return " ".join(filter(None, (choice, drift, self.remark)))
 
     @property
     def said(self) -> str:
-        """What was chosen, and by how much."""
+        """The choice, with its margin."""
         return f"The data choose {self.laws[self.chosen]}{self._margin}."
 
     @property
     def _margin(self) -> str:
-        """How far ahead of the others the chosen law is, in words."""
-        others = {place: e.value for place, e in enumerate(self.evidences) if place != self.chosen}
+        """Margin of the chosen error model over the others, in words."""
+        others = {index: e.value for index, e in enumerate(self.evidences) if index != self.chosen}
         if not others:
             return ""
-        next_best = max(others, key=lambda place: others[place])
+        next_best = max(others, key=lambda index: others[index])
         ahead = self.evidences[self.chosen] - self.evidences[next_best]
         if ahead.value >= 0.0:
             nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
@@ -133,8 +133,8 @@ class LawChoice(ShownAsText):
     def __str__(self) -> str:
         width = max(len(law) for law in self.laws)
         lines = [self.sentence, "".ljust(width) + "   log evidence"]
-        for place, (law, evidence) in enumerate(zip(self.laws, self.evidences, strict=True)):
-            mark = "  <" if place == self.chosen else ""
+        for index, (law, evidence) in enumerate(zip(self.laws, self.evidences, strict=True)):
+            mark = "  <" if index == self.chosen else ""
             lines.append(f"{law.ljust(width)}{evidence.value:12.1f} ± {evidence.error:.1f}{mark}")
         return "\n".join(lines)
 
@@ -198,7 +198,7 @@ def choose_among(
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
 ) -> LawChoice:
-    """Choose the law of the errors of a posterior; see `choose_law`."""
+    """Choose the error model of a posterior; see `choose_law`."""
     if laws is not None and not laws:
         raise InputError("choose_law(laws)", "none", "one law or more")
     under = [posterior.on(law=law) for law in (usual_laws(posterior.model) if laws is None else laws)]
@@ -207,14 +207,14 @@ def choose_among(
     results, folder = [], None if store is None else Path(store)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    for place, of in enumerate(under):
-        kept = None if folder is None else folder / f"law_{place + 1}.h5"
+    for index, of in enumerate(under):
+        kept = None if folder is None else folder / f"law_{index + 1}.h5"
 
-        def told(done: int, total: int, place: int = place) -> None:
+        def told(done: int, total: int, index: int = index) -> None:
             if progress is not None:
-                progress(int(100 * (place + done / total) / len(under)), 100)
+                progress(int(100 * (index + done / total) / len(under)), 100)
 
-        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, place), kept, progress=told))
+        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=told))
     if not any(np.isfinite(_evidence(r).value) for r in results):
         raise ConvergenceError("No law has an evidence: every simulation at draws of the prior fails.")
     choice = LawChoice(tuple(results))
@@ -233,6 +233,6 @@ def _evidence(result: SamplingResult) -> Evidence:
 
 
 def _in_words(law: ErrorLaw) -> str:
-    """Name of a law, and of the errors that are added where there are others inside the model."""
+    """Name of an error model, with the added errors where there are others inside the model."""
     word = str(law.describe()["kind"]).replace("_", " ")
     return f"{word} parameters + {_in_words(law.added)}" if law.inside else word

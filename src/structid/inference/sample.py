@@ -1,4 +1,4 @@
-"""Draw from a target with a sampler, block by block, each block on disk before the next."""
+"""Draw from a target with a sampler in blocks, each block on disk before the next."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 
 POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, correlation=0.3)
-"""What the draws of a few chains are compared with."""
+"""Independent population with which the draws of a few chains are compared."""
 
 
 @check_arguments
@@ -85,10 +85,10 @@ def sample(
     drawn = sampler.run(target, seed, start, blocks, keep, progress)
     if chains is not None:
         chains.finish()
-    beside = None
+    population = None
     if sampler.compared and target.knows_prior and not target.costs_runs:
         kept = None if store is None else Path(store).with_suffix(".beside.h5")
-        beside = sample(target, POPULATION, derived_seed(seed, Purpose.BESIDE), kept).kept
+        population = sample(target, POPULATION, derived_seed(seed, Purpose.BESIDE), kept).kept
     theta, jacobian = target.bijection(drawn.phi.reshape(-1, drawn.phi.shape[-1]))
     return SamplingResult(
         target=target,
@@ -103,12 +103,12 @@ def sample(
         log_evidence=drawn.log_evidence,
         cost=drawn.cost,
         divergent=drawn.divergent,
-        beside=beside,
+        beside=population,
     )
 
 
 def check_memory(target: Target, sampler: Sampler) -> None:
-    """Refuse draws that this machine cannot hold, before the first of them."""
+    """Refuse draws that do not fit into this machine's memory, before the first of them."""
     numbers = sampler.steps * sampler.ensembles * sampler.walkers * (target.dimension + 2)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else np.inf
     if 8 * numbers > memory:
@@ -121,7 +121,7 @@ def check_memory(target: Target, sampler: Sampler) -> None:
 
 
 def chain_identity(target: Target, sampler: Sampler, seed: int, start: np.ndarray | None = None) -> dict[str, Any]:
-    """Say what chains depend on: a store of others is refused."""
+    """Everything on which chains depend; a store with another identity is refused."""
     return {
         "target": target.content_hash,
         "engine": engine(),

@@ -1,4 +1,4 @@
-"""What sampling returns: draws, moments, the best point, the verdict, and everything in the ArviZ schema."""
+"""The result of sampling: draws, moments, best point, verdict, and export in the ArviZ schema."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 THINNED_DRAWS = 1000
 """Draws used for predictive histories."""
 STORED_DRAWS = 300
-"""Draws whose predictive histories and pointwise likelihoods are put into the ArviZ groups."""
+"""Draws whose predictive histories and pointwise likelihoods enter the ArviZ groups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class SamplingResult(ShownAsText):
         return np.asarray(self.flat[self._evenly(count)])
 
     def _evenly(self, count: int) -> np.ndarray:
-        """Places of draws that are taken evenly from all kept steps and walkers."""
+        """Indices of draws spread evenly over all kept steps and walkers."""
         total = len(self.flat)
         # A golden-ratio stride visits steps and walkers alike, where a plain one would pick the same walkers.
         index = np.floor(((np.arange(min(count, total)) * 0.6180339887498949) % 1.0) * total).astype(int)
@@ -218,10 +218,10 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def robust(self) -> RobustSpread | None:
-        """How the means would vary over measurements, whether model and law are right or not; see `robust_spread`.
+        """Variation of the means over repeated measurements, valid even if model or error model are wrong; see `robust_spread`.
 
-        The posterior's own standard deviations where the residuals are white, and never less. None for a run that has not
-        converged, without a measurement, and for an external solver, since it takes a thousand runs.
+        Equal to the posterior's standard deviations where the residuals are white, and never less. None for an unconverged run,
+        without a measurement, and for an external solver, since it takes a thousand runs.
         """
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
@@ -239,9 +239,9 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def drift(self) -> ParameterDrift | None:
-        """How far the model's parameters drift in time; see `parameter_drift`.
+        """Drift of the model's parameters in time; see `parameter_drift`.
 
-        None for a run that has not converged, without a measurement, and for an external solver.
+        None for an unconverged run, without a measurement, and for an external solver.
         """
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
@@ -252,7 +252,7 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:
-        """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
+        """Whitened residuals at the MAP estimate, one for each measured channel; none without a measurement."""
         if self._measured is None:
             return ()
         with warnings.catch_warnings():
@@ -261,7 +261,7 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def _convergence(self) -> tuple[int, list[str]]:
-        """Number of stuck walkers, and what convergence lacks."""
+        """Number of stuck walkers, and what is missing for convergence."""
         kept = slice(self.discarded, None)
         length, sampler, stuck = len(self.kept), self.sampler, 0
         if sampler.starts_elsewhere:
@@ -295,7 +295,7 @@ class SamplingResult(ShownAsText):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What speaks against convergence, one sentence each; sooner known than the whole verdict."""
+        """Evidence against convergence, one sentence each; cheaper than the whole verdict."""
         return tuple(self._convergence[1])
 
     def verdict(self) -> Verdict:
@@ -316,26 +316,26 @@ class SamplingResult(ShownAsText):
             return best_prediction(self._measured, self.map_estimate)
 
     def _against_priors(self) -> tuple[PriorWarning, ...]:
-        """Where prior and data disagree, of a target that has priors."""
+        """Disagreements between prior and data, for a target with priors."""
         space = getattr(self.target, "space", None)
         return () if space is None else tuple(prior_warnings(space, self.flat))
 
     def _warnings(self, unexplained: float) -> list[str]:
-        """What else the reader must know of the draws; of an unconverged run, only what may be wrong with the sampling."""
-        found = []
+        """Further warnings about the draws; for an unconverged run only those about the sampling."""
+        warnings = []
         if not self._convergence[1] and self._measured is not None:
-            found += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
+            warnings += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
         if self.divergent:
-            found.append(
+            warnings.append(
                 f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
                 "follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
             )
         if self.failed_simulations:
-            found.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
-        return found
+            warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
+        return warnings
 
     def _wrong_law(self) -> list[str]:
-        """Residuals that the law of the discrepancy does not describe."""
+        """Residuals that the error model does not describe."""
         if self._measured is None or self._convergence[1]:
             return []
         count = self._measured.model_space.dimension  # the model's own parameters come first
@@ -369,7 +369,7 @@ class SamplingResult(ShownAsText):
 
     @property
     def _measured(self) -> Posterior | None:
-        """The posterior that was sampled; None for a bare log density, which has neither model nor measurement."""
+        """The sampled posterior; None for a bare log density, which has neither model nor measurement."""
         return self.target if isinstance(self.target, Posterior) else None
 
     def _posterior(self) -> Posterior:

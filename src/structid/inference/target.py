@@ -1,4 +1,4 @@
-"""What a sampler samples: a log density over named parameters with a map to unconstrained coordinates."""
+"""Targets of sampling: a log density over named parameters with a map to unconstrained coordinates."""
 
 from __future__ import annotations
 
@@ -48,32 +48,32 @@ class Target(ABC):
 
     @property
     def hidden(self) -> frozenset[str]:
-        """Parameters that are sampled but are of no interest by themselves; tables and figures leave them out."""
+        """Latent parameters, which tables and figures omit."""
         return frozenset()
 
     @property
     def shown(self) -> list[int]:
-        """Places of the other parameters, which tables and figures show."""
-        return [place for place, name in enumerate(self.names) if name not in self.hidden]
+        """Indices of the other parameters, which tables and figures show."""
+        return [index for index, name in enumerate(self.names) if name not in self.hidden]
 
     @cached_property
     def own(self) -> list[int]:
-        """Places of the parameters that a user has named; those of a law of errors are not among them."""
+        """Indices of the parameters named by the user, without those of the error model."""
         return list(range(self.dimension))
 
     @property
     def variances(self) -> frozenset[str]:
-        """Parameters that are variances of errors."""
+        """Parameters that are error variances."""
         return frozenset()
 
     @property
     def sd_units(self) -> dict[str, str]:
-        """Display unit of the standard deviation that belongs to each of those variances."""
+        """Display unit of the standard deviation of each of these variances."""
         return {}
 
     @property
     def compared_names(self) -> tuple[str, ...]:
-        """Names of what explorers and certificates compare means and standard deviations of; see `compared`."""
+        """Names of the quantities whose moments are compared; see `compared`."""
         return tuple(f"log {name}" if name in self.variances else name for name in self.names)
 
     def compared(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
@@ -92,7 +92,7 @@ class Target(ABC):
         ndarray, shape (..., parameter)
             The same, or a copy.
         """
-        places = [place for place, name in enumerate(self.names) if name in self.variances]
+        places = [index for index, name in enumerate(self.names) if name in self.variances]
         if not places:
             return theta
         values = theta.copy()
@@ -101,7 +101,7 @@ class Target(ABC):
 
     @property
     def costs_runs(self) -> bool:
-        """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
+        """Whether each evaluation is a run of an expensive solver."""
         return False
 
     @abstractmethod
@@ -208,17 +208,17 @@ class Target(ABC):
 
 def _checked_bounds(where: str, pair: Any) -> np.ndarray:
     """A lower and a larger upper bound; either may be infinite."""
-    found = real_array(where, pair, "a lower and an upper bound")
-    if found.shape != (2,) or not found[0] < found[1]:
+    bounds = real_array(where, pair, "a lower and an upper bound")
+    if bounds.shape != (2,) or not bounds[0] < bounds[1]:
         raise InputError(where, f"{pair!r}", "a lower bound and a larger upper one, such as (0.0, np.inf)")
-    return found
+    return bounds
 
 
 def _never_infinite(value: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Refuse a log density of +∞, which would be all of the probability at one point."""
+    """Refuse a log density of +∞, which would put all probability at one point."""
     if np.isposinf(value).any():
-        place = int(np.argmax(np.isposinf(value)))
-        at = ", ".join(f"{x:g}" for x in theta[place])
+        index = int(np.argmax(np.isposinf(value)))
+        at = ", ".join(f"{x:g}" for x in theta[index])
         raise InputError(
             "LogDensity.function", f"+inf at the point ({at})", "finite numbers, or -inf where there is no density"
         )
@@ -256,8 +256,8 @@ class LogDensity(Target):
         self.backend = check_choice("LogDensity.backend", backend, ("numpy", "jax"))
         box = np.tile([-np.inf, np.inf], (len(self.names), 1))
         for name, pair in (bounds or {}).items():
-            place = self.names.index(check_choice("LogDensity.bounds", name, self.names))
-            box[place] = _checked_bounds(f"LogDensity.bounds['{name}']", pair)
+            index = self.names.index(check_choice("LogDensity.bounds", name, self.names))
+            box[index] = _checked_bounds(f"LogDensity.bounds['{name}']", pair)
         self.bijection = Bijection(box)
         self._function, self._initial = function, initial
 
@@ -309,7 +309,7 @@ class LogDensity(Target):
         return np.where(np.isnan(value), -np.inf, _never_infinite(value, theta))
 
     def _points(self, theta: np.ndarray) -> np.ndarray:
-        """Points as rows; one point may come without the axis of runs."""
+        """Points as rows; a single point may lack the run axis."""
         points = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         if points.shape[1] != len(self.names):
             raise InputError(
@@ -320,7 +320,7 @@ class LogDensity(Target):
         return points
 
     def _values(self, theta: np.ndarray) -> np.ndarray:
-        """What the function returns, (run,)."""
+        """Values of the function, (run,)."""
         value = real_array("LogDensity.function", self._function(theta), "log densities")
         if len(theta) == 1 and value.ndim == 0:  # SciPy's multivariate laws leave the axis of a single point out
             value = value[None]
@@ -369,8 +369,8 @@ class LogDensity(Target):
         density, failed = self.evaluate(phi)
         theta, jacobian = self.bijection(phi)
         space = self._initial
-        own = np.array([self.names.index(n) for n in space.names])
-        prior = space.log_density(theta[:, own]) + jacobian
+        columns = np.array([self.names.index(n) for n in space.names])
+        prior = space.log_density(theta[:, columns]) + jacobian
         outside = ~np.isfinite(prior)
         return prior, np.where(outside, -np.inf, density - np.where(outside, 0.0, prior)), failed
 
@@ -404,5 +404,5 @@ class LogDensity(Target):
 
     @property
     def content_hash(self) -> str:
-        """Hash of the names, the bounds and what the function does."""
+        """Hash of the names, the bounds and the function's behaviour."""
         return digest(self.names, self.bijection.bounds, function_identity(self._function))

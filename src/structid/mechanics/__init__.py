@@ -1,1 +1,1 @@
-"""Mechanics: laws of springs, integrators over a record; nothing of models."""
+"""Mechanics: constitutive laws of springs and joints, restoring forces, time integration."""

@@ -1,4 +1,4 @@
-"""Restoring forces made of others: one that has a past, and one whose moves are done in pieces."""
+"""Restoring forces that wrap another one: with a displacement history before the first step, or with moves divided into pieces."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from structid.mechanics.restoring_forces import RestoringForce
 
 @dataclass(frozen=True, eq=False)
 class AroundAnother(RestoringForce):
-    """A force that is made of another one, of the same displacements."""
+    """A restoring force that wraps another one with the same displacements."""
 
-    force: RestoringForce  # Of the structure
+    force: RestoringForce  # the wrapped force
 
     @property
     def dofs(self) -> int:
@@ -28,18 +28,18 @@ class AroundAnother(RestoringForce):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of every displacement; see `RestoringForce.units`."""
+        """Unit of every displacement; see `RestoringForce.units`."""
         return self.force.units
 
     @property
     def largest_move(self) -> float:
-        """As of the structure; see `RestoringForce.largest_move`."""
+        """As for the wrapped force; see `RestoringForce.largest_move`."""
         return self.force.largest_move
 
 
 @dataclass(frozen=True, eq=False)
 class CarriedOver(AroundAnother):
-    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end."""
+    """Restoring force after a displacement path, with displacements and forces measured from its end."""
 
     # Where it was moved to, one after the other; its last place is the new zero [m]
     way: np.ndarray = field(repr=False)
@@ -51,7 +51,7 @@ class CarriedOver(AroundAnother):
         object.__setattr__(self, "way", way)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """What is remembered at the end of the way; see `RestoringForce.at_rest`."""
+        """Memory at the end of the path; see `RestoringForce.at_rest`."""
 
         def move(carried: tuple[Any, Any], row: tuple[Any]) -> tuple[tuple[Any, Any], tuple[()]]:
             force, after = self.force.at(carried[1], self._of(row[0], displacement))
@@ -62,36 +62,38 @@ class CarriedOver(AroundAnother):
         return {"memory": memory, "at_zero": at_zero}
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Impose a displacement from the new zero; see `RestoringForce.at`."""
+        """Impose a displacement measured from the new zero; see `RestoringForce.at`."""
         force, after = self.force.at(memory["memory"], self._of(self.way[-1], displacement))
         return force - memory["at_zero"], {"memory": after, "at_zero": memory["at_zero"]}
 
     @staticmethod
-    def _of(place: Any, displacement: Any) -> Any:
-        """A place from the first zero, in the shape of what will come."""
-        return displacement + (place if displacement.ndim == 1 else jax.numpy.asarray(place)[:, None])
+    def _of(displacement_before: Any, displacement: Any) -> Any:
+        """A displacement from the first zero, in the shape of the argument."""
+        return displacement + (
+            displacement_before if displacement.ndim == 1 else jax.numpy.asarray(displacement_before)[:, None]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class InPieces(AroundAnother):
-    """A structure that is moved straight from place to place, each move in a number of pieces.
+    """A structure whose every move is divided into a number of equal pieces.
 
-    A law of which a move is one Runge-Kutta step follows long moves better so.
+    A law that takes one Runge-Kutta step per move follows long moves more accurately this way.
     """
 
-    pieces: int  # Of every move
+    pieces: int  # pieces per move
 
     @property
     def largest_move(self) -> float:
-        """As many times that of the structure; see `RestoringForce.largest_move`."""
+        """`pieces` times that of the wrapped force; see `RestoringForce.largest_move`."""
         return self.pieces * self.force.largest_move
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """As of the structure; see `RestoringForce.force_at_rest`."""
+        """As for the wrapped force; see `RestoringForce.force_at_rest`."""
         return self.force.force_at_rest(displacement)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """What is remembered before the first move; see `RestoringForce.at_rest`."""
+        """Memory before the first move; see `RestoringForce.at_rest`."""
         return {"memory": self.force.at_rest(displacement), "place": displacement}
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""Cohesive laws of a mortar joint: tractions and exact tangents of a normal and a tangential jump of displacement.
+"""Cohesive laws of a mortar joint: tractions and exact tangents for a normal and a tangential displacement jump.
 
 Sources: J. P. McGarry, É. Ó Máirtín, G. Parry & G. E. Beltz (2014, J. Mech. Phys. Solids 63, 336) for NP1, NP2 and SMC; X.-P. Xu &
 A. Needleman (1993, Modelling Simul. Mater. Sci. Eng. 1, 111) for the potential from which they come. Numbers in brackets, such as
@@ -17,30 +17,30 @@ from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 
 ROUNDING = 1e-10
-"""Of κ and of the limit of friction: a joint that stays where it came to rest neither damages nor slides by its last digit."""
+"""Tolerance of κ and of the friction limit: a joint at rest must neither damage nor slide because of its last digit."""
 COUPLING = math.sqrt(2.0) - 1.0
-"""a = b of NP2, with which both components are equal at 45° [5.1]."""
+"""a = b of NP2, for which both components are equal at 45° [5.1]."""
 
 
 class CohesiveLaw(NamedTuple):
-    """Stiffnesses at the origin and characteristic lengths; each a float, or an array over runs."""
+    """Initial stiffnesses and characteristic lengths; each a float or an array over runs."""
 
-    normal_stiffness: Any  # k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m]
-    tangential_stiffness: Any  # k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m]
-    normal_length: Any  # δ_n and δ_t [m]
-    tangential_length: Any  # δ_n and δ_t [m]
-    friction: Any = 0.0  # μ, of a law that has friction
+    normal_stiffness: Any  # k_n = σ_max e / δ_n [Pa/m]
+    tangential_stiffness: Any  # k_t = τ_max e / δ_t [Pa/m]
+    normal_length: Any  # δ_n [m]
+    tangential_length: Any  # δ_t [m]
+    friction: Any = 0.0  # μ, for a law with friction
 
 
 class JointResponse(NamedTuple):
     """Tractions [Pa] and their derivatives [Pa/m]: ``nt`` is ∂T_n/∂Δ_t."""
 
-    normal: Any  # T_n and T_t
-    tangential: Any  # T_n and T_t
-    nn: Any  # The tangent, which is not symmetric
-    nt: Any  # The tangent, which is not symmetric
-    tn: Any  # The tangent, which is not symmetric
-    tt: Any  # The tangent, which is not symmetric
+    normal: Any  # T_n
+    tangential: Any  # T_t
+    nn: Any  # ∂T_n/∂Δ_n; the tangent is not symmetric
+    nt: Any  # ∂T_n/∂Δ_t
+    tn: Any  # ∂T_t/∂Δ_n
+    tt: Any  # ∂T_t/∂Δ_t
 
 
 def cohesive_law(
@@ -51,7 +51,7 @@ def cohesive_law(
     characteristic_length: str = "exponential",
     friction: Any = 0.0,
 ) -> CohesiveLaw:
-    """Make the law of energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e)."""
+    """Compute the law from energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e)."""
     normal_length = normal_energy / (normal_strength * math.e)
     tangential_length = tangential_energy / (
         tangential_strength * (math.e if characteristic_length == "exponential" else math.sqrt(0.5 * math.e))
@@ -66,24 +66,24 @@ def cohesive_law(
 
 
 class JointLaw(ABC):
-    """What a joint answers to its jumps, and what it remembers of them."""
+    """Constitutive law of a joint: tractions for displacement jumps, and the memory of earlier ones."""
 
-    memories: ClassVar[int]  # Numbers that a joint remembers
-    load_steps: ClassVar[int]  # Steps in which a static load comes on: a joint with a memory depends on them
+    memories: ClassVar[int]  # number of memory variables of a joint
+    load_steps: ClassVar[int]  # steps of the static load, on which a joint with memory depends
 
     @abstractmethod
     def respond(self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents."""
+        """Compute tractions and tangents."""
 
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any
     ) -> Float[Array, "memory ..."]:
-        """Give what is remembered after a step."""
+        """Compute the memory after a step."""
         return memory
 
 
 class SmcNp2(JointLaw):
-    """SMC in separation, NP2 in over-closure [5.1]-[5.4]: no memory, so that a joint that has opened heals when it closes.
+    """SMC in separation, NP2 in over-closure [5.1]-[5.4]: no memory, so that an open joint heals when it closes.
 
     With x = Δ_n/δ_n, y = |Δ_t|/δ_t and ρ = √(x² + y²), where k_n Δ_n = σ_max e x and k_t Δ_t = ± τ_max e y::
 
@@ -94,7 +94,7 @@ class SmcNp2(JointLaw):
     memories, load_steps = 0, 1
 
     def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents; see `JointLaw.respond`."""
+        """Compute tractions and tangents; see `JointLaw.respond`."""
         xp = namespace(opening)
         x, y, side = opening / law.normal_length, xp.abs(slip) / law.tangential_length, xp.sign(slip)
         apart, (rho, by_n, by_t) = opening >= 0.0, _distance(xp, x, y)
@@ -112,21 +112,21 @@ class SmcNp2(JointLaw):
 
 
 class DamageFriction(JointLaw):
-    """SMC with a memory: unloading to the origin, undamaged contact, and friction where the joint is damaged and closed.
+    """SMC with damage: unloading to the origin, undamaged contact, and friction where the joint is damaged and closed.
 
     κ is the largest ρ so far, where ρ = √(x² + y²) with x = ⟨Δ_n⟩/δ_n, and D = 1 − exp(−κ)::
 
-        T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
+    T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
         T_t = (1 − D) k_t Δ_t + D T_f,    T_f = k_t (Δ_t − Δ_p),    |T_f| ≤ μ ⟨−T_n⟩
 
-    While κ grows, the law is SMC in separation. What is lost is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′, and what friction takes.
-    Both κ and the slip Δ_p, from which friction counts, are remembered.
+    While κ grows, the law is SMC in separation. The dissipation is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′ plus that of friction. The
+    memory holds κ and the slip Δ_p, from which friction is measured.
     """
 
     memories, load_steps = 2, 4
 
     def respond(self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any) -> JointResponse:
-        """Give tractions and tangents; see `JointLaw.respond`."""
+        """Compute tractions and tangents; see `JointLaw.respond`."""
         xp = namespace(opening)
         kappa, slipped = memory[0], memory[1]
         k_n, k_t = law.normal_stiffness, law.tangential_stiffness
@@ -157,7 +157,7 @@ class DamageFriction(JointLaw):
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any
     ) -> Float[Array, "2 ..."]:
-        """Give κ and Δ_p after a step; see `JointLaw.remembered`."""
+        """Compute κ and Δ_p after a step; see `JointLaw.remembered`."""
         xp = namespace(opening)
         kappa, slipped = memory[0], memory[1]
         apart, k_t = opening >= 0.0, law.tangential_stiffness
@@ -169,12 +169,12 @@ class DamageFriction(JointLaw):
 
 
 def _sticks(xp: Any, tried: Any, limit: Any) -> Any:
-    """Whether friction holds. A joint that has just slid is at its limit, and holds; without pressure nothing does."""
+    """Whether the joint sticks. A joint that has just slid is at its limit and sticks; without pressure no joint does."""
     return (limit > 0.0) & (xp.abs(tried) <= (1.0 + ROUNDING) * limit)
 
 
 def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """ρ = √(x² + y²), ∂ρ/∂x and ∂ρ/∂y, which are taken as zero at the origin; finite derivatives there."""
+    """ρ = √(x² + y²), ∂ρ/∂x and ∂ρ/∂y; the derivatives are zero at the origin."""
     square = x * x + y * y
     away = square > 0.0
     rho = xp.sqrt(xp.where(away, square, 1.0))
@@ -182,4 +182,4 @@ def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
 
 
 JOINT_LAWS: dict[str, JointLaw] = {"smc-np2": SmcNp2(), "damage-friction": DamageFriction()}
-"""By the word of a study file."""
+"""Joint laws by their name in a study file."""

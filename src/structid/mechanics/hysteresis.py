@@ -14,10 +14,10 @@ from structid.engine.array_module import namespace
 
 
 class Law(NamedTuple):
-    """Parameters of the law; each a float, known when the function is compiled, or an array over runs.
+    """Parameters of the law; each a float, known at compile time, or an array over runs.
 
-    The exponent n is `exponent`, A₀ is `amplitude`, δ_A, δ_ν, δ_η are the rates of degradation [kg/J]; ζ₀, p, q, ψ₀, δ_ψ, λ
-    are those of pinching.
+    The exponent n is `exponent`, A₀ is `amplitude`; δ_A, δ_ν, δ_η are the degradation rates [kg/J]; ζ₀, p, q, ψ₀, δ_ψ, λ belong
+    to pinching.
     """
 
     alpha: Any
@@ -37,7 +37,7 @@ class Law(NamedTuple):
 
 
 def known(value: Any, number: float) -> bool:
-    """Whether a parameter is fixed at a number, so that the term it stands in can be left out."""
+    """Whether a parameter is fixed at a value, so that its term can be omitted."""
     return isinstance(value, float) and value == number
 
 
@@ -77,9 +77,9 @@ def _inverse(exponent: Any) -> Any:
 
 
 def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
-    """Bound of |∂z′/∂z|, the rate at which the hysteretic displacement forgets where it was.
+    """Bound of |∂z′/∂z|, the rate at which the hysteretic displacement forgets its past.
 
-    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|,   which pinching and η only make smaller
+    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|,   which pinching and η only reduce
     """
     xp = namespace(velocity)
     rate = (law.beta + xp.abs(law.gamma)) * xp.abs(velocity)
@@ -92,10 +92,9 @@ def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
 
 
 LONGEST_STEP = 1.5
-"""Longest step in lengths on which a spring's hysteretic force changes (|∂z′/∂z| h), and in radians of the highest mode (ω h).
-
-In cyclic tests with such steps the force is off by less than 1 % of its peak (docs/theory/models.md). Runge-Kutta's method is
-unstable beyond 2.78 (Hairer & Wanner 1996, figure IV.2.1)."""
+"""Longest step in units of 1/|∂z′/∂z|, the length on which a spring's hysteretic force changes, and in radians of the highest
+mode (ω h). In cyclic tests with such steps the error of the force is below 1 % of its peak (docs/theory/models.md). Runge-
+Kutta is unstable beyond 2.78 (Hairer & Wanner 1996, figure IV.2.1)."""
 
 
 def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:

@@ -1,4 +1,4 @@
-"""A second-order system of masses on hysteretic springs: its state, its rate of change, and what may be recorded of it.
+"""A second-order system of masses on hysteretic springs: its state, its rate of change, its channels.
 
 Equation numbers are those of the MSc thesis in docs/bibliography.md.
 """
@@ -13,17 +13,17 @@ from structid.mechanics.hysteresis import LONGEST_STEP, Law, degrades, hystereti
 from structid.mechanics.runge_kutta import Watch
 
 State = dict[str, Any]
-"""``u``, ``v``, ``z`` and, where somebody needs them, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
+"""``u``, ``v``, ``z`` and, where needed, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
 
 
 class HystereticSystem(ABC):
-    """u″ = a(u, u′, z, x) for masses, z′ = law(d′, z, e_h) for springs of deformation d, under a signal x.
+    """u″ = a(u, u′, z, x) for masses, z′ = law(d′, z, e_h) for springs with deformation d, under a signal x.
 
-    Each spring belongs to a mass, and has the energies per mass
+    Each spring belongs to a mass, and its energies per mass are
 
-        e_h′ = (1 − α) k/m z d′,     e_e′ = α k/m d d′                                       [3.14, 3.15]
+    e_h′ = (1 − α) k/m z d′,     e_e′ = α k/m d d′                                       [3.14, 3.15]
 
-    of which only those are integrated that the law or a recorded channel needs.
+    Only those energies are integrated that the law or a recorded channel needs.
     """
 
     def __init__(self, law: Law, mass: Any, stiffness: Any, kind: str, recorded: set[str]) -> None:
@@ -52,7 +52,7 @@ class HystereticSystem(ABC):
         return state["u"], state["v"]
 
     def with_energies(self, state: State, zero: Any) -> State:
-        """Add the energies that are needed to an initial state."""
+        """Add the required energies to an initial state."""
         if self.needs_hysteretic_energy:
             state["e_h"] = zero
         if self.needs_elastic_energy:
@@ -74,10 +74,10 @@ class HystereticSystem(ABC):
 
     @abstractmethod
     def largest_square_of_frequency(self) -> Any:
-        """Upper bound of ω² of the undamped modes with the initial stiffness [1/s²]; zero where the motion is imposed."""
+        """Upper bound of ω² of the undamped modes with the initial stiffness [1/s²]; zero for imposed motion."""
 
     def watch(self, zero: Any) -> Watch:
-        """Watch whether the integration steps are short enough for the springs."""
+        """Monitor whether the integration steps are short enough for the springs."""
         start = {"rate": zero} if known(self.law.exponent, 1.0) else {"rate": zero, "z": zero}
 
         def seen(watched: State, state: State, signal: Any) -> State:

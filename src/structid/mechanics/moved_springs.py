@@ -1,4 +1,4 @@
-"""Bouc-Wen-Baber-Noori springs that are moved by displacements, as in a quasi-static test: no time, no inertia.
+"""Bouc-Wen-Baber-Noori springs under imposed displacements, as in a quasi-static test: no time, no inertia.
 
 Numbers in brackets, such as [3.4], are equations of the MSc thesis in docs/bibliography.md.
 """
@@ -16,20 +16,20 @@ from structid.mechanics.runge_kutta import runge_kutta_4
 State = dict[str, Any]
 """``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
 SHORT_STEP = 0.25
-"""Length of the pieces of a move that is too long for one step, in lengths on which the force changes."""
+"""Length of the pieces of a move that is too long for one step, in units of the length on which the force changes."""
 MOST_PIECES = 1000
-"""Pieces of a move at most: 250 lengths, metres for a storey. Longer moves are those of a run that grows without bound."""
+"""Largest number of pieces of a move: 250 lengths, metres for a storey. Longer moves belong to runs that grow without bound."""
 NEWTON_ITERATIONS = 4
-"""Towards the place where z = 0. A straight line is the first guess, so that every digit is there after three."""
+"""Iterations for the point where z = 0; from a linear first guess three give all digits."""
 
 
 def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
     """Move springs of deformation d by Δ: z and e_h along d + s Δ, 0 ≤ s ≤ 1, by one Runge-Kutta step.
 
-        dz/ds = law(Δ, z, e_h),    de_h/ds = (1 − α) k/m z Δ                            [3.4, 3.14]
+    dz/ds = law(Δ, z, e_h),    de_h/ds = (1 − α) k/m z Δ                            [3.4, 3.14]
 
-    The law has a kink at z = 0 where its exponent is 1, which would cost a step its order. A move that crosses it is therefore
-    split there.
+    For an exponent of 1 the law has a kink at z = 0, which would reduce the order. A move that crosses it is therefore split
+    there.
     """
     before = state["z"]
     xp = namespace(before)
@@ -55,10 +55,10 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
 
 
 def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[State, Any]:
-    """Move springs, and look whether a Runge-Kutta step can follow the law over so long a move.
+    """Move springs and report whether a Runge-Kutta step is accurate over a move of this length.
 
-    Outside JAX a move that is too long is done in pieces, up to `MOST_PIECES`. Inside, where their number must not depend on the
-    parameters, it is told.
+    Outside JAX a move that is too long is divided, up to `MOST_PIECES`. Inside JAX, where their number must not depend on the
+    parameters, it is only reported.
     """
     xp = namespace(state["z"])
     if xp is np:
@@ -75,9 +75,9 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
 
 
 def _pieces(law: Law, state: State, change: Any) -> float:
-    """Pieces in which a move is done: one, unless it is longer than `LONGEST_STEP` at the largest z that the law allows.
+    """Number of pieces of a move: one, unless it is longer than `LONGEST_STEP` at the largest possible z.
 
-    Infinite or NaN for a move without bound.
+    Infinite or NaN for an unbounded move.
     """
     largest = np.abs(state["z"]) + law.amplitude * np.abs(change)
     both = law.beta + law.gamma
@@ -89,5 +89,5 @@ def _pieces(law: Law, state: State, change: Any) -> float:
 
 
 def crosses_zero(before: Any, after: Any) -> Any:
-    """Whether z passes the kink of the law on its way."""
+    """Whether z crosses the kink of the law."""
     return before * after < 0.0

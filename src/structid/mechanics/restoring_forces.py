@@ -1,4 +1,4 @@
-"""What a part of a structure answers to displacements that are imposed on it: its static force, and what it remembers.
+"""Restoring forces of a part of a structure under imposed displacements: the static force and its memory.
 
 Numbers in brackets, such as [3.13], are equations of the MSc thesis in docs/bibliography.md.
 """
@@ -24,14 +24,14 @@ from structid.mechanics.moved_springs import followed_by
 
 
 class CollapseError(StructidError):
-    """A structure that no force holds where it is moved to: what has failed, and where."""
+    """A structure has collapsed: no force balances it at the imposed displacement. The message names what failed and where."""
 
 
 class RestoringForce(ABC):
-    """A static force r(u) of the displacements of a part, and of those before.
+    """A static force r(u) of the displacements of a part and of their history.
 
-    What it remembers is handed in and out, so that a step can be tried and dropped. A laboratory cannot do so: there a
-    displacement is imposed once, and read once.
+    The memory is passed in and out, so that a step can be tried and discarded. A laboratory cannot do so: it imposes a
+    displacement once and reads the force once.
     """
 
     @property
@@ -41,17 +41,17 @@ class RestoringForce(ABC):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of every displacement, ``"m"`` or ``"rad"``."""
+        """Unit of every displacement, ``"m"`` or ``"rad"``."""
         return ("m",) * self.dofs
 
     @property
     def largest_move(self) -> float:
-        """Longest move that is taken in one piece where a path is followed [m]."""
+        """Longest move made in one piece where a path is followed [m]."""
         return np.inf
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything that a force depends on."""
+        """Hash of everything the force depends on."""
         return digest(type(self).__name__, *_arrays_of(self))
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
@@ -129,7 +129,7 @@ class LinearForce(RestoringForce):
         return len(self.stiffness)
 
     def at_rest(self, displacement: Any) -> Any:
-        """Nothing is remembered; see `RestoringForce.at_rest`."""
+        """No memory; see `RestoringForce.at_rest`."""
         return ()
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
@@ -143,8 +143,8 @@ class HystereticSprings(RestoringForce):
     """Bouc-Wen-Baber-Noori springs between the degrees of freedom: r = Bᵀ k (α d + (1 − α) z) with the deformations d = B u."""
 
     deformations: np.ndarray  # B
-    stiffness: np.ndarray  # Initial stiffness k of every spring [N/m]
-    mass: np.ndarray  # Mass m that the energies of a spring are divided by [kg], as for `BoucWen`
+    stiffness: np.ndarray  # initial stiffness k of every spring [N/m]
+    mass: np.ndarray  # mass m by which energies are divided [kg], as for `BoucWen`
     # α, β, γ and the others, each a number for all springs or an array (spring,) or (spring, run); see `spring_law`
     law: Law = field(repr=False)
 
@@ -174,7 +174,7 @@ class HystereticSprings(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """A part of z_u, the largest z: a Runge-Kutta step over it leaves 1e-9 of the force; see `RestoringForce.largest_move`."""
+        """A fraction of z_u, the largest z, over which a Runge-Kutta step errs by 1e-9; see `RestoringForce.largest_move`."""
         shapes = float(np.max(np.abs(self.law.beta) + np.abs(self.law.gamma)))
         ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
@@ -199,19 +199,19 @@ class HystereticSprings(RestoringForce):
 
     @staticmethod
     def _of_springs(value: Any, like: Any) -> Any:
-        """A value for every spring, with an axis for the runs where there are some."""
+        """A value for every spring, with a run axis where there are several runs."""
         if isinstance(value, float) or like.ndim == 1 or np.ndim(value) == 2:
             return value
         return namespace(like).asarray(value).reshape(-1, 1)
 
 
 def _arrays_of(settings: Any) -> list[np.ndarray]:
-    """Numbers of a dataclass, and of the tuples in it."""
+    """Numbers of a dataclass and of the tuples in it."""
     values = [getattr(settings, f.name) for f in fields(settings)] if is_dataclass(settings) else list(settings)
-    found: list[np.ndarray] = []
+    result: list[np.ndarray] = []
     for value in values:
-        found += _arrays_of(value) if isinstance(value, tuple) or is_dataclass(value) else [np.asarray(value)]
-    return found
+        result += _arrays_of(value) if isinstance(value, tuple) or is_dataclass(value) else [np.asarray(value)]
+    return result
 
 
 def spring_law(
@@ -220,7 +220,7 @@ def spring_law(
     gamma: float | Sequence[float],
     **others: float | Sequence[float],
 ) -> Law:
-    """Make the law of springs, without degradation and pinching where nothing is said of them."""
+    """Parameters of a law without degradation or pinching."""
     given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0} | others
     unknown = set(given) - set(Law._fields)
     if unknown:

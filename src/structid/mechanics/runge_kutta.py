@@ -14,10 +14,10 @@ from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
 class Watch(NamedTuple):
-    """What is looked at, at every sample, to see whether the steps were short enough for the equations."""
+    """Monitor that examines every sample for steps that are too long for the equations."""
 
-    start: State  # Before the first sample
-    seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: what was watched, with a sample more
+    start: State  # initial value
+    seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: the value with one more sample
     # ``followed(state, watched, step)``: which runs were followed, (run,), from the end of the record
     followed: Callable[[State, State, Any], Any]
 
@@ -43,7 +43,7 @@ def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tup
 
 
 def _each_array(function: Callable[..., Any], *states: dict[str, Any]) -> dict[str, Any]:
-    """`jax.tree.map` of dicts of arrays: a spring that NumPy moves takes less time than JAX to look into them."""
+    """`jax.tree.map` for dicts of arrays, faster than JAX for springs moved by NumPy."""
     return {name: function(*(state[name] for state in states)) for name in states[0]}
 
 
@@ -57,7 +57,7 @@ def runge_kutta_loop(
     lead_in: int = 0,
     watch: Watch | None = None,
 ) -> TimeLoop:
-    """Integrate over a record and observe the state at every sample."""
+    """Loop that integrates over a record and observes the state at every sample."""
     substeps = stages.shape[1]
     step = dt / substeps
 
@@ -66,13 +66,13 @@ def runge_kutta_loop(
 
     def sample(state: State, row: Any) -> tuple[State, Any]:
         # Observing before stepping needs no extra first row.
-        seen = observe(state, inputs_of(row[0])[0])
+        outputs = observe(state, inputs_of(row[0])[0])
         if substeps == 1:
             state, _ = substep(state, row[0])
         else:
             # The inner loop is compiled into one kernel: three substeps cost little more than one.
             state, _ = lax.scan(substep, state, row)
-        return state, seen
+        return state, outputs
 
     if watch is None:
         return TimeLoop(start, sample, stages, lead_in, all_finite)
@@ -80,8 +80,8 @@ def runge_kutta_loop(
     def watched_sample(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], Any]:
         state, watched = carried
         watched = watch.seen(watched, state, inputs_of(row[0])[0])
-        state, seen = sample(state, row)
-        return (state, watched), seen
+        state, outputs = sample(state, row)
+        return (state, watched), outputs
 
     def usable(carried: tuple[State, State]) -> Any:
         return all_finite(carried) & watch.followed(*carried, step)

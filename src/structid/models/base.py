@@ -1,4 +1,4 @@
-"""What a model is: parameters and an excitation in, response histories out; the same face for every kind of model."""
+"""The interface of every model: parameters and an excitation in, response histories out."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ Map = Callable[..., Iterable[Any]]
 
 
 class StandIn(ABC):
-    """What a model that stands for another one, such as a surrogate, knows besides its response."""
+    """Additional knowledge of a model that replaces another one, such as a surrogate."""
 
     @property
     @abstractmethod
     def relative_error(self) -> float:
-        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² against the model it stands for."""
+        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² with respect to the replaced model."""
 
     @abstractmethod
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
@@ -120,31 +120,30 @@ class Model(ABC):
 
     @property
     def stand_in(self) -> StandIn | None:
-        """What it knows as a stand-in for another model; None for a model that stands for itself."""
+        """Its description as a replacement of another model; None for a model that replaces none."""
         return None
 
     @property
     def can_drift(self) -> bool:
-        """Whether its parameters may change while it responds: a loop over time of a model that stands for itself."""
+        """Whether its parameters may change during the response: true for a loop over time that replaces no other model."""
         return False
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """SI unit and display unit of every channel; those of the standard names unless a model says otherwise."""
+        """SI unit and display unit of every channel; those of the standard names by default."""
         return {channel: standard_unit(channel) for channel in self.channels}
 
     @property
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
-        """Displacement, force and absorbed energy of every spring whose hysteresis loop is worth looking at, by its name.
+        """Displacement, force and absorbed energy of every spring with a hysteresis loop, by the name of the spring.
 
-        A model's only spring has an empty name. There are none for a model that records no such loop. The channels can be asked for
-        with `recording`.
+        A model's only spring has an empty name. The channels can be requested with `recording`.
         """
         return {}
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return "model"
 
     def pictures(self, theta: Float[np.ndarray, " parameter"], excitation: Excitation) -> Sequence[ModelPicture]:

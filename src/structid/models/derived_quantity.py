@@ -1,4 +1,4 @@
-"""What follows from a model's parameters."""
+"""Quantities derived from a model's parameters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 
 class DerivedQuantity(NamedTuple):
-    """One quantity that follows from a model's parameters, of many runs."""
+    """A quantity derived from the parameters of many runs."""
 
-    values: Float[np.ndarray, " run"]  # In SI
-    unit: str  # In which it is shown, such as ``"mm"``
+    values: Float[np.ndarray, " run"]  # in SI
+    unit: str  # display unit, such as ``"mm"``

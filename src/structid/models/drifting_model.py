@@ -1,4 +1,4 @@
-"""A model whose parameters drift while it responds: what a wrong model's error often is."""
+"""A model whose parameters drift during the response, a frequent form of model error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from structid.probability.space import ParameterSpace
 
 
 def drift_name(name: str) -> str:
-    """Name of the standard deviation by which a parameter drifts."""
+    """Name of the standard deviation of a parameter's drift."""
     return f"{name}_drift"
 
 
@@ -34,10 +34,10 @@ def knot_names(names: tuple[str, ...], knots: int) -> tuple[str, ...]:
 class DriftingModel(TraceableModel):
     """A model with parameters that are piecewise linear in time.
 
-    θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) in their prior
+    θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) a priori
 
-    θ at a knot is kept within the support of the prior of θ; θ(t) is constant over a sample. Parameters that are derived from
-    others, and whatever the model makes of its parameters (such as a damping of the initial stiffness), drift with them.
+    At a knot, θ is clipped to the support of its prior; θ(t) is constant during a sample. Derived parameters and whatever the
+    model computes from its parameters (such as damping from the initial stiffness) drift with them.
     """
 
     def __init__(self, model: Model, space: ParameterSpace, knots: int, every: float) -> None:
@@ -54,22 +54,22 @@ class DriftingModel(TraceableModel):
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """Those of the model."""
+        """Those of the wrapped model."""
         return self.model.channel_units
 
     @property
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
-        """Those of the model."""
+        """Those of the wrapped model."""
         return self.model.loop_channels
 
     @property
     def kind_in_words(self) -> str:
-        """The model's, with its drift."""
+        """The wrapped model's, with its drift."""
         return f"{self.model.kind_in_words} with drifting parameters"
 
     @cached_property
     def content_hash(self) -> str:
-        """Hash of the model, the parameters that drift, and the knots."""
+        """Hash of the model, the drifting parameters and the knots."""
         return digest("DriftingModel", self.model.content_hash, self.space.content_hash, self.knots, self.every)
 
     def recording(self, *channels: str) -> DriftingModel:
@@ -77,11 +77,11 @@ class DriftingModel(TraceableModel):
         return DriftingModel(self.model.recording(*channels), self.space, self.knots, self.every)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse what the model cannot respond to; see `Model.check_excitation`."""
+        """Refuse what the wrapped model refuses; see `Model.check_excitation`."""
         self.model.check_excitation(excitation)
 
     def at_knots(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run knot sampled_parameter"]:
-        """θ_j + d_j b_jk, within the support of the prior."""
+        """θ_j + d_j b_jk, clipped to the support of the prior."""
         count = self.space.dimension
         mean, drift = theta[:, None, :count], theta[:, None, count : 2 * count]
         at = theta[:, 2 * count :].reshape(-1, count, self.knots).swapaxes(1, 2)
@@ -89,7 +89,7 @@ class DriftingModel(TraceableModel):
         return jnp.clip(mean + drift * at, low, high)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`."""
+        """Loop over the record; see `TraceableModel.time_loop`."""
         at_knots = self.at_knots(theta)
         shares = _shares(excitation.stages.shape[0], excitation.dropped_samples, excitation.dt / self.every, self.knots)
 
@@ -107,7 +107,7 @@ class DriftingModel(TraceableModel):
 
 
 def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
-    """Weights of the knots at every row of a record, (row, knot): hats of width one, `step` knots a row, after `before` rows."""
+    """Weights of the knots at every row of a record, (row, knot): hat functions, `step` knots per row, after `before` rows."""
     return hats((np.arange(rows) - before) * step, knots)
 
 

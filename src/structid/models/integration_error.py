@@ -1,4 +1,4 @@
-"""How far the integration of a built-in model errs, by the same run with shorter steps, and how many steps would do."""
+"""Integration error of a built-in model, from the same run with shorter steps, and the number of steps that suffices."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from structid.histories import Histories
 from structid.models.traceable import TraceableModel
 
 LIMIT = 0.01
-"""Error in parts of the peak of a channel, from which on shorter steps are asked for; measurements have a noise of about that."""
+"""Error, relative to a channel's peak, above which shorter steps are recommended; measurement noise is of this order."""
 
 REFERENCE = 8
-"""Times as many steps in the run that stands for the exact one."""
+"""Factor on the number of steps for the reference run."""
 
 TRIED = (2, 4)
-"""Times as many steps that are tried before those of the reference where those of the model are too few."""
+"""Factors on the number of steps that are tried in turn where the model's steps are too long."""
 
 
 @dataclass(frozen=True)
 class IntegrationError:
-    """Error of the integration of one run."""
+    """Integration error of one run."""
 
-    setting: str  # What the number of steps is called, such as ``"substeps"``
-    steps: int  # Its value
+    setting: str  # name of the setting, such as ``"substeps"``
+    steps: int  # its value
     # Largest difference from a run with eight times as many, in parts of the peak of the channel; infinite where the
     # run fails
     error: float
@@ -36,7 +36,7 @@ class IntegrationError:
 
     @property
     def too_large(self) -> bool:
-        """Whether other steps are asked for."""
+        """Whether shorter steps are recommended."""
         return not self.error <= LIMIT
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class IntegrationError:
 
     @property
     def question(self) -> str:
-        """What to do; empty where nothing is to be done."""
+        """Recommendation; empty where the error is small."""
         if not self.too_large:
             return ""
         if self.wanted is None:
@@ -56,7 +56,7 @@ class IntegrationError:
 
 
 def _finer(model: Any, times: int) -> TraceableModel:
-    """The same model with so many times as many steps."""
+    """The same model with a multiple of its steps."""
     finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
     return finer
 
@@ -64,7 +64,7 @@ def _finer(model: Any, times: int) -> TraceableModel:
 def integration_error(
     model: TraceableModel, theta: Float[np.ndarray, "1 parameter"], excitation: Excitation
 ) -> IntegrationError | None:
-    """Compare a run with the same one in shorter steps."""
+    """Compare a run with the same run in shorter steps."""
     setting = model.steps_setting
     if not setting:
         return None

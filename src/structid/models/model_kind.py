@@ -1,4 +1,4 @@
-"""What a kind of model says about itself, so that a study file can name it and no other code needs to know its name."""
+"""The description of a kind of model, by which a study file can name it without other code knowing its name."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from structid.probability.space import ParameterSpace
 
 @dataclass(frozen=True, eq=False)
 class ModelRequest:
-    """What a study asks of a model."""
+    """What a study requires of a model."""
 
-    given: Mapping[str, Any]  # The content of its table, with quantities in SI and without the keys that were left out
-    space: ParameterSpace  # The unknown parameters
-    free: tuple[str, ...]  # Those of them, and of the derived ones, that the model knows
-    channels: tuple[str, ...]  # What is measured or asked for
-    folder: Path  # Where relative paths start
+    given: Mapping[str, Any]  # content of its table, quantities in SI, without omitted keys
+    space: ParameterSpace  # unknown parameters
+    free: tuple[str, ...]  # parameters, derived ones included, that the model has
+    channels: tuple[str, ...]  # channels that are measured or requested
+    folder: Path  # base of relative paths
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Every kind of model that a study file can name. A new one is a file with its `ModelKind` and a line here."""
+"""All kinds of model that a study file can name. A new one is a file with its `ModelKind` and a line here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a structure in motion that a model can draw of itself."""
+"""Pictures that a model can draw of the structure in motion."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A film, which is long to draw and is written as it is drawn."""
+    """A film, drawn while it is written because that takes long."""
 
-    write: Callable[[Path], object]  # Writes it into a file of this name, a GIF
+    write: Callable[[Path], object]  # writes a GIF file of this name
 
 
 @dataclass(frozen=True)
 class ModelPicture:
     """One picture."""
 
-    name: str  # Of its file, without ending
-    caption: str  # What it shows
-    draw: Callable[[], Figure | Film]  # Draws it
+    name: str  # file name without extension
+    caption: str  # caption
+    draw: Callable[[], Figure | Film]  # draws it

@@ -1,4 +1,4 @@
-"""A model whose response is a JAX function: batches over the cores, exact derivatives."""
+"""Models whose response is a JAX function: batches over the cores, exact derivatives."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from structid.mechanics.restoring_forces import RestoringForce
 from structid.models.base import Map, Model
 
 KEPT_EXCITATIONS = 8
-"""Excitations that a model keeps prepared; `InLanes` keeps as many compiled."""
+"""Prepared excitations that a model keeps; `InLanes` keeps as many compiled functions."""
 
 
 @dataclass(frozen=True)
 class TracedExcitation:
-    """An excitation inside JAX: what a compiled response depends on, and its values as traced arrays.
+    """An excitation inside JAX: its static properties, and its values as traced arrays.
 
-    The first part is static: another kind, step or length compiles anew. The values are an argument of the compiled function. A
-    model is given this and not the `Excitation`, so that it cannot keep the values of the record it was first compiled for.
+    Kind, step and length are static: other ones need another compilation. The values are an argument of the compiled function. A
+    model receives this instead of an `Excitation`, so that it cannot keep the values of the first record.
     """
 
-    kind: str  # How it acts, `Excitation.kind`
-    dt: float  # Time step [s]
-    samples: int  # Its length
-    lead_in_periods: int  # Periods run and dropped first
-    interpolation: str  # What goes on between samples
-    identity: str  # Hash of the whole excitation, for a model that knows only its own records; empty for others
+    kind: str  # `Excitation.kind`
+    dt: float  # time step [s]
+    samples: int  # number of samples
+    lead_in_periods: int  # periods simulated and discarded first
+    interpolation: str  # interpolation between samples
+    identity: str  # hash of the whole excitation, for a model restricted to its own records; otherwise empty
     # Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The last row
     # continues the record straight: its start is the last sample, with its slope, and the steps from there on are
     # nobody's
@@ -50,7 +50,7 @@ class TracedExcitation:
 
     @classmethod
     def of(cls, excitation: Excitation, substeps: int, identified: bool = False) -> TracedExcitation:
-        """Take an excitation apart."""
+        """Convert an excitation."""
         return cls(
             excitation.kind,
             excitation.dt,
@@ -63,12 +63,12 @@ class TracedExcitation:
 
     @property
     def dropped_samples(self) -> int:
-        """Samples of the lead-in, which a response leaves out."""
+        """Samples of the lead-in, which a response omits."""
         return self.lead_in_periods * self.samples
 
 
 def _continued(stages: np.ndarray) -> np.ndarray:
-    """The same stages and one row more, straight on from the last slope."""
+    """The same stages and one more row, extrapolated with the last slope."""
     middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
     on = end + np.multiply.outer(np.arange(3.0), end - middle)
     return np.concatenate([stages, np.broadcast_to(on, (1, *stages.shape[1:]))])
@@ -82,14 +82,14 @@ jax.tree_util.register_dataclass(
 
 
 class Shortcut(ABC):
-    """A shorter way, not through the response, from parameters to what a likelihood needs of one or several measurements.
+    """A direct way from parameters to a likelihood of measurements, without the response.
 
     A JAX tree: its arrays are arguments of the compiled density.
     """
 
     @abstractmethod
     def for_runs(self, measurement: Int[Array, " run"]) -> Self:
-        """Give each run a measurement of its own."""
+        """Assign each run a measurement of its own."""
 
     @abstractmethod
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
@@ -99,7 +99,7 @@ class Shortcut(ABC):
     def marginal_log_likelihood(
         self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
     ) -> tuple[Any, Any] | None:
-        """Log density of the measurement with independent errors, the model's own error integrated out, inside JAX."""
+        """Log density of the measurement with independent errors, marginalised over the model's own error, inside JAX."""
 
 
 class TraceableModel(Model):
@@ -132,7 +132,7 @@ class TraceableModel(Model):
 
     @property
     def can_drift(self) -> bool:
-        """Whether its parameters may change while it responds; see `Model.can_drift`."""
+        """Whether its parameters may change during the response; see `Model.can_drift`."""
         return self.loops and self.stand_in is None
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop | None:
@@ -224,7 +224,7 @@ class TraceableModel(Model):
 
     @cached_property
     def _traced_excitations(self) -> dict[str, TracedExcitation]:
-        """By content hash: for the same one a compiled response is found again."""
+        """Prepared excitations by content hash, so that compiled responses are reused."""
         return {}
 
     def shortcut(
@@ -286,7 +286,7 @@ class TraceableModel(Model):
         return _with_status(values, finite, excitation, self.channel_units, too_long, self.hint_where_not_finite)
 
     def _too_long(self, excitation: Excitation) -> str:
-        """Say of a run that stayed finite, and cannot be used, what is wrong."""
+        """Explain a run that stayed finite and is still invalid."""
         steps = self.steps_in_sample(excitation)
         return (
             f"the integration step, {excitation.dt / steps:.3g} s ({steps} in a sample), is too long for the stiffness or the "
@@ -301,7 +301,7 @@ class TraceableModel(Model):
 def as_traceable(
     model: Model, where: str, allowed: str = "a built-in model or a surrogate", cure: str = ""
 ) -> TraceableModel:
-    """Return a model that says it is traceable, as a `TraceableModel`; refuse any other."""
+    """Return a model that declares itself traceable, as a `TraceableModel`; refuse any other."""
     if not model.traceable:
         raise InputError(where, f"a {type(model).__name__}, which has no derivatives", allowed, cure)
     return cast(TraceableModel, model)
@@ -319,7 +319,7 @@ def _with_status(
     too_long: Callable[[], str],
     hint: str,
 ) -> Histories:
-    """Mark the runs that cannot be used: whose state left the finite range, or whose steps were too long to follow the law."""
+    """Mark invalid runs: those with a state that is not finite, or with steps too long for the law."""
     time, reasons = np.full(len(values), np.nan), [""] * len(values)
     for run in np.flatnonzero(~usable):
         good = np.isfinite(values[run]).all(axis=1)

@@ -94,8 +94,8 @@ def interior_point(
         trials = np.concatenate([it.x + STEP_LENGTHS[:, None] * s[0] for it, s in zip(active, steps, strict=True)])
         values = objective(where.to_theta(trials)) / objective.scale
         evaluations += len(trials)
-        for it, (dx, dual), found in zip(active, steps, values.reshape(len(active), -1), strict=True):
-            _advance(it, where, dx, dual, found, tolerance)
+        for it, (dx, dual), result in zip(active, steps, values.reshape(len(active), -1), strict=True):
+            _advance(it, where, dx, dual, result, tolerance)
         if progress is not None:
             progress(sum(it.finished for it in iterates), len(iterates))
     ends = np.array([it.x for it in iterates])

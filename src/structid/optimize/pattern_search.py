@@ -100,8 +100,8 @@ def pattern_search(
         counts = [len(s.polls) for s in active]
         polled = objective(where.to_theta(np.concatenate([s.polls for s in active])))
         evaluations += len(polled)
-        for search, found in zip(active, np.split(polled, np.cumsum(counts)[:-1]), strict=True):
-            _decide(search, found, tolerance)
+        for search, result in zip(active, np.split(polled, np.cumsum(counts)[:-1]), strict=True):
+            _decide(search, result, tolerance)
         if progress is not None:
             progress(sum(s.finished for s in searches), len(searches))
     ends = np.array([s.x for s in searches])

@@ -38,11 +38,11 @@ class Objective(Protocol):
 class Region:
     """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the box 0 ≤ x ≤ 1."""
 
-    low: Float[np.ndarray, " parameter"]  # Lower bounds and widths of the box in SI
-    width: Float[np.ndarray, " parameter"]  # Lower bounds and widths of the box in SI
-    matrix: Float[np.ndarray, "constraint parameter"]  # A with rows of unit length, and b
-    limit: Float[np.ndarray, " constraint"]  # A with rows of unit length, and b
-    faces: tuple[str, ...]  # Name of each constraint: the parameter for the box, else the inequality
+    low: Float[np.ndarray, " parameter"]  # lower bounds of the box in SI
+    width: Float[np.ndarray, " parameter"]  # widths of the box in SI
+    matrix: Float[np.ndarray, "constraint parameter"]  # A with rows of unit length
+    limit: Float[np.ndarray, " constraint"]  # b
+    faces: tuple[str, ...]  # name of each constraint: the parameter for the box, else the inequality
 
     def to_theta(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Convert scaled coordinates to SI."""

@@ -1,4 +1,4 @@
-"""Smooth maps between ℝᵈ and a box, coordinate by coordinate, for samplers that work without bounds."""
+"""Smooth maps between ℝᵈ and a box, coordinate by coordinate, for samplers without bounds."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from structid.core.arrays import Array
 
 
 class Scatter(NamedTuple):
-    """Standardised values b_k that scatter about another parameter: what matters is x_k = μ + d b_k.
+    """Standardised values b_k scattered about another parameter: the model depends on x_k = μ + d b_k.
 
-    Data that know x_k know b_k only through μ and d, and a sampler would have to follow a curved ridge. So the coordinates are
+    Data determine b_k only through x_k, so that a sampler would have to follow a curved ridge. The coordinates are therefore
     those of x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
     """
 
-    mean: int  # Places of μ and d among the parameters
-    sd: int  # Places of μ and d among the parameters
-    members: tuple[int, ...]  # Places of b_k, which have no bounds
+    mean: int  # index of μ among the parameters
+    sd: int  # index of d
+    members: tuple[int, ...]  # indices of b_k, which are unbounded
     centre: float  # x_k = centre + scale φ_k
     scale: float  # x_k = centre + scale φ_k
 
@@ -54,12 +54,12 @@ class Bijection:
 
     @property
     def _numbers(self) -> tuple[Any, ...]:
-        """What says all of it."""
+        """Everything that defines the map."""
         return self.bounds.tobytes(), self.scales.tobytes(), self.scatters, self.logarithmic
 
     @cached_property
     def _kinds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which coordinates lie between two bounds, above the only one, and below the only one."""
+        """Which coordinates have two bounds, only a lower one, only an upper one."""
         has_low, has_high = np.isfinite(self._walls).T
         return has_low & has_high, has_low & ~has_high, has_high & ~has_low
 
@@ -74,13 +74,13 @@ class Bijection:
             jacobian = jacobian + log_slope + np.log(scale)
         for mean, sd, members, centre, scale in self.scatters:
             # b_k = (x_k − μ)/d
-            for place in members:
-                points[place] = (centre + scale * points[place] - points[mean]) / points[sd]
+            for index in members:
+                points[index] = (centre + scale * points[index] - points[mean]) / points[sd]
             jacobian = jacobian + len(members) * (np.log(scale) - jnp.log(points[sd]))
         return jnp.stack(points, axis=-1), jacobian
 
     def __call__(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map ℝᵈ to the box, on the host; `forward` without JAX, which would take ten times as long for some points."""
+        """Map ℝᵈ to the box on the host; ten times as fast as `forward` for few points."""
         x = phi * self.scales
         if not np.isfinite(self.bounds).any():
             return x, np.full(len(phi), np.log(self.scales).sum())

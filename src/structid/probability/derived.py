@@ -15,7 +15,7 @@ Derivation = Callable[[Mapping[str, Any]], Any]
 def derivations(
     sources: Mapping[str, Derivation | str], sampled: Sequence[str], called: str = "derived"
 ) -> dict[str, Derivation]:
-    """Turn the sources of derived parameters into functions, and check their names."""
+    """Turn the definitions of derived parameters into functions, and check their names."""
     functions: dict[str, Derivation] = {}
     for name, source in sources.items():
         if name in sampled:

@@ -1,4 +1,4 @@
-"""Designs: points of a parameter space; on the unit cube random, Latin hypercube (plain, maximin) and scrambled Sobol' ones."""
+"""Designs: points of a parameter space; random, Latin hypercube (plain, maximin) or scrambled Sobol' points of the unit cube."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DENSITY_POINTS = 200
-"""Places at which a prior's density is drawn."""
+"""Points at which a prior's density is drawn."""
 
 METHODS = {
     "latin_hypercube": Purpose.LATIN_HYPERCUBE,

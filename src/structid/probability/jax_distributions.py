@@ -1,4 +1,4 @@
-"""Log densities and cumulative distributions of the families of priors, inside JAX, of the untruncated value y."""
+"""Log densities and cumulative distributions of the prior families inside JAX, for the untruncated value y."""
 
 from __future__ import annotations
 
@@ -137,4 +137,4 @@ JAX_DISTRIBUTIONS = {
     "Weibull": JaxDistribution(_weibull_log_density, _weibull_cdf),
     "Gumbel": JaxDistribution(_gumbel_log_density, _gumbel_cdf),
 }
-"""By name of the family; any other distribution is evaluated on the host."""
+"""By family; any other distribution is evaluated on the host."""

@@ -1,4 +1,4 @@
-"""Families of prior distributions, given by moments or by native parameters, in a unit, each optionally truncated."""
+"""Families of prior distributions, defined by moments or by native parameters, with a unit and optional truncation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Beta", "Frozen", "Gamma", "Gumbel", "LogNormal", "Marginal", "Normal
 
 
 def _one_way(family: str, ways: dict[str, dict[str, float | None]]) -> str:
-    """Name the set of parameters that was given; exactly one complete set is allowed."""
+    """Name the given set of parameters; exactly one complete set is allowed."""
     given = [name for name, values in ways.items() if any(v is not None for v in values.values())]
     complete = [name for name in given if all(v is not None for v in ways[name].values())]
     if len(given) != 1 or len(complete) != 1:

@@ -1,4 +1,4 @@
-"""Ranks of many numbers, of which some are equal: a particle that did not move leaves a copy."""
+"""Ranks of many numbers with ties, which particles that did not move cause."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import numpy as np
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
-    """Rank numbers from 1 on, equal ones by the mean of their places.
+    """Rank numbers from 1 on; ties get their mean rank.
 
-    What `scipy.stats.rankdata` returns, in less than half of its time: the order of equal numbers does not matter here, and a sort
-    that does not keep it takes a sixth of one that does.
+    The result of `scipy.stats.rankdata` in less than half of its time: a sort that need not be stable takes a sixth.
     """
     flat = np.ravel(values)
     order = np.argsort(flat)
     ordered = flat[order]
     first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
     copies = np.diff(np.append(first, flat.size))
-    found = np.empty(flat.size)
+    result = np.empty(flat.size)
     # The places first + 1 to first + copies have the mean first + (copies + 1)/2.
-    found[order] = np.repeat(first + 0.5 * (copies + 1), copies)
-    return found.reshape(np.shape(values))
+    result[order] = np.repeat(first + 0.5 * (copies + 1), copies)
+    return result.reshape(np.shape(values))

@@ -173,9 +173,9 @@ class ParameterSpace(ShownAsText):
         ParameterSpace
             The larger space.
         """
-        taken = sorted(set(marginals) & set(self.all_names))
-        if taken:
-            raise InputError("ParameterSpace", f"the name '{taken[0]}' twice", "a name once", "Rename one of them.")
+        repeated = sorted(set(marginals) & set(self.all_names))
+        if repeated:
+            raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "a name once", "Rename one of them.")
         correlation = None
         if self._correlation is not None:
             correlation = np.eye(self.dimension + len(marginals))
@@ -186,7 +186,7 @@ class ParameterSpace(ShownAsText):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates in which surrogates are fitted; none where these are the parameters themselves."""
+        """Names of the coordinates in which surrogates are fitted; empty where these are the parameters."""
         return tuple(self._coordinates)
 
     # --- values -------------------------------------------------------------------------------------------------
@@ -405,7 +405,7 @@ class ParameterSpace(ShownAsText):
     def bijection(self) -> Bijection:
         """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation.
 
-        In a space with coordinates, bounded parameters above 0 go by their logarithms, and nothing is mapped to their bounds: such
+        In a space with coordinates, bounded positive parameters are mapped by their logarithms and not to their bounds: such
         coordinates are ratios and products, and posteriors are narrow ridges along them.
         """
         quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)

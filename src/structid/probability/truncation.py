@@ -1,4 +1,4 @@
-"""The general marginal distribution: any law of SciPy with a unit and an optional truncation, on the host and inside JAX.
+"""The general marginal distribution: any SciPy distribution with a unit and optional truncation, on the host and inside JAX.
 
 SciPy gives the cdf and the quantiles on the host; `jax_distributions` gives the log density and the cdf inside JAX. With F the
 untruncated cdf,
@@ -22,11 +22,11 @@ from structid.probability.jax_distributions import JAX_DISTRIBUTIONS
 from structid.probability.quadrature import probability_nodes
 
 SMALLEST_MASS = 1e-6
-"""A truncation that keeps less probability than this is rejected as a mistake."""
+"""Smallest probability that a truncation may keep; less is rejected as a mistake."""
 
 
 def out_of_order(low: float, high: float) -> str:
-    """Say what to do about bounds of which the lower is not below the upper."""
+    """Advice on bounds in the wrong order."""
     if low > high:
         return "Exchange them."
     return "A value that is known belongs in the model." if low == high else ""
@@ -274,8 +274,8 @@ class Marginal:
     def __str__(self) -> str:
         # In the words of the user, before a truncation; native parameters may be a location and a scale of the logarithm.
         moments = {"mean": self.base.mean(), "sd": self.base.std()}
-        own = self.parameters if self.family == "Uniform" else moments
-        inside = ", ".join(f"{k} {v:.6g}" for k, v in own.items())
+        native_or_moments = self.parameters if self.family == "Uniform" else moments
+        inside = ", ".join(f"{k} {v:.6g}" for k, v in native_or_moments.items())
         cut = ""
         if self.family != "Uniform" and np.isfinite([self.low, self.high]).any():
             cut = f", truncated to [{self.low:g}, {self.high:g}]".replace("[-inf, ", "(−∞, ").replace(", inf]", ", ∞)")

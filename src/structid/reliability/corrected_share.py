@@ -1,4 +1,4 @@
-"""A share that a surrogate gives, corrected by what it gets wrong among some true runs."""
+"""A fraction estimated by a surrogate, corrected by its errors in some model runs."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from jaxtyping import Float
 def corrected_share(
     found: Float[np.ndarray, " draw"], checked: Float[np.ndarray, " check"], true: Float[np.ndarray, " check"]
 ) -> tuple[float, float]:
-    """Correct a share by a difference that true runs tell.
+    """Correct a fraction by the difference observed in model runs.
 
     ::
 
-        p̂ = mean(I_s) + mean(I_t − I_s),    var p̂ = p (1 − p)/N + (q − d̄²)/m
+    p̂ = mean(I_s) + mean(I_t − I_s),    var p̂ = p (1 − p)/N + (q − d̄²)/m
 
-    The first mean is over all N draws, the second, d̄, over m of them. q is the share of those on which surrogate and model
-    disagree. In the variance p and q are (k + ½)/(n + 1) of k among n: runs without a passage, or without a disagreement, do not
-    tell that there is none.
+    The first mean is over all N draws, the second, d̄, over m of them; q is the fraction of those on which surrogate and model
+    disagree. In the variance, p and q are (k + ½)/(n + 1) for k of n, since runs without a passage or a disagreement do not prove
+    that there is none.
     """
-    known = found[np.isfinite(found)]
-    if not len(known):
+    finite = found[np.isfinite(found)]
+    if not len(finite):
         return float("nan"), float("nan")
-    share = float(known.mean())
-    within = (known.sum() + 0.5) / (len(known) + 1.0)
-    variance = within * (1.0 - within) / len(known)
+    share = float(finite.mean())
+    within = (finite.sum() + 0.5) / (len(finite) + 1.0)
+    variance = within * (1.0 - within) / len(finite)
     difference = (true - checked)[np.isfinite(true - checked)]
     if len(checked):
         shift = float(difference.mean()) if len(difference) else 0.0

@@ -1,4 +1,4 @@
-"""The probability that a structure passes a limit or fails, given the data, for records of rising strength."""
+"""Probability that a structure passes a limit or fails, given the data, for records of increasing strength."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESAMPLES = 200
-"""Draws of records and of parameters, by which the error of a fitted curve is found."""
+"""Resamples of records and draws for the error of a fitted curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Fragility(ShownAsText):
 
     @property
     def error(self) -> np.ndarray:
-        """Its standard error, shape (level,): of several records their scatter, which holds the rest; of one the draws' alone."""
+        """Standard error of `probability`, shape (level,): scatter over the records, or that of the draws for one record."""
         count = len(self.records)
         within = np.sqrt((self.error_of_each**2).sum(axis=0)) / count
         if count == 1:
@@ -98,15 +98,15 @@ class Fragility(ShownAsText):
         tuple of ndarray, shape (level,)
             Lower and upper edge.
         """
-        known = np.isfinite(self.passed).sum(axis=1)
-        shares = np.where(known > 0, np.nansum(self.passed, axis=1) / np.maximum(known, 1), np.nan)
+        finite = np.isfinite(self.passed).sum(axis=1)
+        shares = np.where(finite > 0, np.nansum(self.passed, axis=1) / np.maximum(finite, 1), np.nan)
         tail = 0.5 * (1.0 - probability)
         low, high = np.nanquantile(shares, [tail, 1.0 - tail], axis=0, method="inverted_cdf")
         return low, high
 
     @cached_property
     def curve(self) -> tuple[float, float]:
-        """Median θ [m/s²] and dispersion β of the curve Φ(ln(a/θ)/β) that fits best; NaN if no level tells them.
+        """Median θ [m/s²] and dispersion β of the fitted curve Φ(ln(a/θ)/β); NaN if the levels do not determine them.
 
         By maximum likelihood of the numbers of records that pass (J. W. Baker 2015, doi 10.1193/021113EQS025M).
         """
@@ -114,22 +114,22 @@ class Fragility(ShownAsText):
 
     @cached_property
     def curve_error(self) -> tuple[float, float]:
-        """Standard errors of ln θ and of β by resampling; NaN where too few resamples tell them."""
+        """Standard errors of ln θ and of β by resampling; NaN where too few resamples determine them."""
         if len(self._resampled) < RESAMPLES // 2:
             return float("nan"), float("nan")
         return float(np.log(self._resampled[:, 0]).std(ddof=1)), float(self._resampled[:, 1].std(ddof=1))
 
     @cached_property
     def _resampled(self) -> np.ndarray:
-        """Curves of resampled records and draws, those that are told, shape (resample, 2)."""
+        """Curves of resampled records and draws where determined, shape (resample, 2)."""
         rng = stream(self.seed, Purpose.FRAGILITY_RESAMPLES)
         draws, records, _ = self.passed.shape
-        found = []
+        curves = []
         for _ in range(RESAMPLES):
             rows, columns = rng.integers(draws, size=draws), rng.integers(records, size=records)
             shares = np.nanmean(self.passed[rows][:, columns], axis=(0, 1))
-            found.append(_lognormal(self.levels, shares, records))
-        each = np.array(found)
+            curves.append(_lognormal(self.levels, shares, records))
+        each = np.array(curves)
         return np.asarray(each[np.isfinite(each).all(axis=1)])
 
     def curve_band(self, at: Float[np.ndarray, " point"], probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
@@ -266,24 +266,24 @@ def fragility(
         )
     pair = _Pair(posterior, draws, channel, float(limit), drift, surrogate, training, checks, seed)
     journal = None if store is None else Journal(store, pair.identity(motions))
-    found = [] if journal is None else [_read(entry) for entry in journal]
+    result = [] if journal is None else [_read(entry) for entry in journal]
     every = [motion for of_one in motions for motion in of_one]
-    for number in range(len(found), len(every)):
-        found.append(pair.simulated(every[number]))
+    for number in range(len(result), len(every)):
+        result.append(pair.simulated(every[number]))
         if journal is not None:
-            journal.append(_entry(found[-1]))
+            journal.append(_entry(result[-1]))
         if progress is not None:
             progress(number + 1, len(every))
     shape = len(motions), len(motions[0])
-    passed = np.stack([p for p, _, _ in found], axis=1).reshape(len(draws), *shape)
-    shares, errors = (np.array([each[k] for each in found]).reshape(shape) for k in (1, 2))
+    passed = np.stack([p for p, _, _ in result], axis=1).reshape(len(draws), *shape)
+    shares, errors = (np.array([each[k] for each in result]).reshape(shape) for k in (1, 2))
     heights = np.array([motion.pga for motion in motions[0]] if levels is None else levels, dtype=float)
     names = tuple(record.name for record in records)
     return Fragility(channel, float(limit), heights, names, passed, shares, errors, len(every) * pair.true_runs, seed)
 
 
 Found = tuple[np.ndarray, float, float]
-"""Who passed, the share of them, and its error, of one record at one level."""
+"""Passages, their fraction and its error, for one record at one level."""
 
 
 def _entry(found: Found) -> dict[str, np.ndarray]:
@@ -297,7 +297,7 @@ def _read(entry: Mapping[str, np.ndarray]) -> Found:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """What is done for every record at every level."""
+    """The computation for every record at every level."""
 
     posterior: Posterior
     draws: np.ndarray
@@ -311,11 +311,11 @@ class _Pair:
 
     @property
     def true_runs(self) -> int:
-        """Runs of the model itself."""
+        """Number of model runs."""
         return len(self.draws) if self.surrogate is None else self.training + self.checks
 
     def identity(self, motions: list[list[GroundMotion]]) -> dict[str, Any]:
-        """What the numbers depend on."""
+        """Everything on which the result depends."""
         settings = None if self.surrogate is None else [repr(self.surrogate), self.training, self.checks]
         return {
             "posterior": self.posterior.content_hash,
@@ -330,35 +330,35 @@ class _Pair:
 
     @cached_property
     def checking(self) -> Predictor:
-        """The same errors are added to surrogate and model, which then differ by their responses alone."""
+        """Apply the same errors to surrogate and model, so that they differ in their responses alone."""
         some = self.draws[self.training : self.training + self.checks]
         return Predictor(self.posterior, some, self.seed, self.drift, scaled=False)
 
     def simulated(self, motion: GroundMotion) -> Found:
         if self.surrogate is None:
-            found = self.passed(self.predictor, motion)
-            return found, *corrected_share(found, found[:0], found[:0])
+            result = self.passed(self.predictor, motion)
+            return result, *corrected_share(result, result[:0], result[:0])
         stand_in = fitted_stand_in(self.posterior, self.draws[: self.training], motion, self.channel, self.surrogate)
         if stand_in is None:  # nearly all draws fail: the runs that were to train and to check are the sample
             return self.without(motion)
-        found = self.passed(self.predictor, motion, stand_in)
+        result = self.passed(self.predictor, motion, stand_in)
         both = (self.passed(self.checking, motion, model) for model in (stand_in, None))
-        return found, *corrected_share(found, *both)
+        return result, *corrected_share(result, *both)
 
     def without(self, motion: GroundMotion) -> Found:
-        """By true runs of the first draws alone."""
+        """Use model runs of the first draws only."""
         some = self.draws[: self.training + self.checks]
-        found = np.full(len(self.draws), np.nan)
-        found[: len(some)] = self.passed(Predictor(self.posterior, some, self.seed, self.drift, scaled=False), motion)
-        return found, *corrected_share(found, found[:0], found[:0])
+        passed = np.full(len(self.draws), np.nan)
+        passed[: len(some)] = self.passed(Predictor(self.posterior, some, self.seed, self.drift, scaled=False), motion)
+        return passed, *corrected_share(passed, passed[:0], passed[:0])
 
     def passed(self, predictor: Predictor, motion: GroundMotion, stand_in: Model | None = None) -> np.ndarray:
-        """Whether each draw passes: 1 or 0, NaN where the run failed and the structure did not, shape (draw,)."""
+        """Whether each draw passes: 1 or 0, NaN where the run itself failed, shape (draw,)."""
         prediction = predictor.on(motion, (self.channel,), stand_in=stand_in)
         status: Any = prediction.status
-        found = np.where(status == Status.STRUCTURE_FAILED, 1.0, np.nan)
-        found[status == Status.DONE] = prediction.peaks[:, 0] > self.limit
-        return found
+        passed = np.where(status == Status.STRUCTURE_FAILED, 1.0, np.nan)
+        passed[status == Status.DONE] = prediction.peaks[:, 0] > self.limit
+        return passed
 
 
 def _scaled(records: Sequence[GroundMotion], levels: Sequence[float] | None) -> list[list[GroundMotion]]:
@@ -379,7 +379,7 @@ def _scaled(records: Sequence[GroundMotion], levels: Sequence[float] | None) -> 
 
 
 def _lognormal(levels: np.ndarray, shares: np.ndarray, records: int) -> tuple[float, float]:
-    """Median and dispersion of the curve under which shares of so many records are most probable."""
+    """Median and dispersion of the most probable curve, given fractions of so many records."""
     tells = np.ptp(shares) > 0.0 and len(levels) > 1
     if not tells:
         return float("nan"), float("nan")
@@ -395,5 +395,5 @@ def _lognormal(levels: np.ndarray, shares: np.ndarray, records: int) -> tuple[fl
 
     start = [np.interp(0.5, np.maximum.accumulate(shares), np.log(levels)), np.log(0.3)]
     bounds = [(np.log(levels).min() - 3.0, np.log(levels).max() + 3.0), (np.log(0.01), np.log(5.0))]
-    found = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
+    optimum = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    return float(np.exp(optimum.x[0])), float(np.exp(optimum.x[1]))

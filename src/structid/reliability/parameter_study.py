@@ -1,4 +1,4 @@
-"""A study of a model's box of parameters: who passes which limits and when, with what probability, and what peaks depend on."""
+"""Study of a model's box of parameters: who passes which limits and when, with what probability, and what peaks depend on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from structid.reliability.passages import Passages, passages
 from structid.reliability.sensitivity import Sensitivity, sensitivity
 
 SMALLEST = 40
-"""Runs that a sensitivity needs."""
+"""Minimum number of runs for a sensitivity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +56,13 @@ class ParameterStudy(ShownAsText):
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Values of parameters and coordinates in SI by their names, each of shape (run,)."""
+        """Values of parameters and coordinates in SI by name, each of shape (run,)."""
         design = self.runs.design
         space = design.space
-        found = dict(zip(space.names, np.asarray(design.values).T, strict=True))
+        columns = dict(zip(space.names, np.asarray(design.values).T, strict=True))
         if space.coordinates:
-            found |= dict(zip(space.coordinates, coordinates_of(space, design.values).T, strict=True))
-        return found
+            columns |= dict(zip(space.coordinates, coordinates_of(space, design.values).T, strict=True))
+        return columns
 
     def leading(self, number: int) -> list[str]:
         """Names of parameters and coordinates, from the one that separates the runs best that pass a limit from the others.
@@ -83,8 +83,8 @@ class ParameterStudy(ShownAsText):
         passed = self.passages[number].passed
         if passed.all() or not passed.any():
             return list(self.columns)
-        found = {name: roc_auc_score(passed, values) for name, values in self.columns.items()}
-        return sorted(found, key=lambda name: -abs(found[name] - 0.5))
+        areas = {name: roc_auc_score(passed, values) for name, values in self.columns.items()}
+        return sorted(areas, key=lambda name: -abs(areas[name] - 0.5))
 
     def leading_pair(self, number: int) -> list[int]:
         """Columns of the two coordinates that separate the runs that pass a limit best.
@@ -105,7 +105,7 @@ class ParameterStudy(ShownAsText):
     def __str__(self) -> str:
         lines = [str(p) for p in self.passages]
         lines += [str(p) for p in self.probabilities if p is not None]
-        lines += [f"{channel}, largest: {found}" for channel, found in self.sensitivities.items()]
+        lines += [f"{channel}, largest: {result}" for channel, result in self.sensitivities.items()]
         return "\n".join(lines)
 
 
@@ -156,16 +156,16 @@ def parameter_study(
         raise InputError("parameter_study(limits)", "no limit", "one or more")
     values = np.asarray(runs.design.values)
     inside = np.all([values[:, space.names.index(n)] > least for n, least in above.items()], axis=0)
-    found = tuple(passages(runs, channel, limit) for limit in limits)
-    probabilities = tuple(passage_probability(p) if _both_kinds(p) else None for p in found)
+    result = tuple(passages(runs, channel, limit) for limit in limits)
+    probabilities = tuple(passage_probability(p) if _both_kinds(p) else None for p in result)
     sensitivities = {name: sensitivity(runs.design, _largest(runs, name), seed=seed) for name in peaks if _enough(runs)}
     return ParameterStudy(
-        runs, found, above, np.broadcast_to(inside, len(runs)).astype(bool), probabilities, sensitivities
+        runs, result, above, np.broadcast_to(inside, len(runs)).astype(bool), probabilities, sensitivities
     )
 
 
-def _both_kinds(found: Passages) -> bool:
-    return bool(min(found.passed.sum(), (~found.passed).sum()) >= LEAST)
+def _both_kinds(passages: Passages) -> bool:
+    return bool(min(passages.passed.sum(), (~passages.passed).sum()) >= LEAST)
 
 
 def _enough(runs: Runs) -> bool:
@@ -173,12 +173,12 @@ def _enough(runs: Runs) -> bool:
 
 
 def _largest(runs: Runs, channel: str) -> np.ndarray:
-    """Largest absolute value of a channel, NaN for runs that failed, batch by batch."""
+    """Largest absolute value of a channel, NaN for failed runs, batch by batch."""
     column = runs.channels.index(channel)
-    found: list[Any] = []
+    result: list[Any] = []
     for some in runs.batches(1024):
         values = some.values[:, :, column]
         # Shorter records are followed by NaN.
         peaks = np.nanmax(np.abs(np.where(some.done[:, None], values, 0.0)), axis=1)
-        found.append(np.where(some.done, peaks, np.nan))
-    return np.concatenate(found)
+        result.append(np.where(some.done, peaks, np.nan))
+    return np.concatenate(result)

@@ -1,4 +1,4 @@
-"""The probability of a passage over the parameters, by logistic regression."""
+"""Probability of a passage over the parameters, by logistic regression."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from structid.probability.space import ParameterSpace
 from structid.reliability.passages import Passages
 
 DEGREES = (1, 2, 3)
-"""Degrees of the polynomials that are tried."""
+"""Polynomial degrees that are compared."""
 PENALTIES = (1e-1, 1e1, 1e3)
-"""Variances of the coefficients that are tried."""
+"""Prior variances of the coefficients that are compared."""
 FOLDS = 5
-"""Parts of the runs, each of which is predicted from the others."""
+"""Folds of the cross-validation."""
 LEAST = 10
-"""Runs of each kind that a fit needs."""
+"""Minimum number of runs of each kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def coordinate_names(space: ParameterSpace) -> tuple[str, ...]:
 def coordinates_of(
     space: ParameterSpace, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, "run coordinate"]:
-    """Coordinates of points, or the points where a space has no coordinates."""
+    """Coordinates of points, or the points themselves where a space has no coordinates."""
     theta = np.asarray(theta, dtype=float)
     return np.asarray(space.in_coordinates(theta)) if space.coordinates else theta
 
@@ -170,7 +170,7 @@ def _pipeline(degree: int, penalty: float) -> Any:
 
 
 def _cross_validated(classifier: Any, points: np.ndarray, passed: np.ndarray) -> np.ndarray:
-    """Probability of every run, by a fit to the other parts."""
+    """Probability of every run, predicted from the other folds."""
     from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
     # Designs are filled in an order of their own: neighbouring runs must not share a part.

@@ -1,4 +1,4 @@
-"""First passages over a design of runs: who passed a limit and when, and how long those were followed that did not."""
+"""First passages over a design of runs: who passed a limit and when, and how long the others were observed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structid.probability.designs import Design
 from structid.reliability.first_passage import first_passage
 
 PAIRS = 2000
-"""Runs of which every pair is compared."""
+"""Runs of which all pairs are compared."""
 
 
 @check_arguments
@@ -63,14 +63,14 @@ class Passages(ShownAsText):
 
     @property
     def share(self) -> tuple[float, float]:
-        """Share of the runs that passed, of those that began, and its Monte-Carlo error √(p (1 − p) / n)."""
+        """Fraction of the runs that passed, and its Monte-Carlo error √(p (1 − p) / n)."""
         begun = self.passed | (self.followed > 0.0)
         p = float(self.passed[begun].mean())
         return p, float(np.sqrt(p * (1.0 - p) / begun.sum()))
 
     @property
     def censored(self) -> np.ndarray:
-        """Times of those that passed, and how far the others were followed [s], shape (run,)."""
+        """Passage times, or the time to which a run was observed [s], shape (run,)."""
         return np.where(self.passed, self.time, self.followed)
 
     def distribution(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,11 +90,11 @@ class Passages(ShownAsText):
             The probability, and the standard error of Greenwood's formula.
         """
         sample = scipy.stats.CensoredData(uncensored=self.time[self.passed], right=self.followed[~self.passed])
-        found = scipy.stats.ecdf(sample).cdf
-        low = found.confidence_interval(0.6826894921370859).low
+        estimate = scipy.stats.ecdf(sample).cdf
+        low = estimate.confidence_interval(0.6826894921370859).low
         with np.errstate(invalid="ignore"):
-            error = np.nan_to_num(found.evaluate(times) - low.evaluate(times))
-        return np.asarray(found.evaluate(times)), np.asarray(error)
+            error = np.nan_to_num(estimate.evaluate(times) - low.evaluate(times))
+        return np.asarray(estimate.evaluate(times)), np.asarray(error)
 
     def concordance(self, values: np.ndarray) -> float:
         """Probability that of two runs the one with the larger value passes later.

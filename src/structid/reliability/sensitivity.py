@@ -1,4 +1,4 @@
-"""What a response quantity depends on: Sobol' indices through a polynomial chaos expansion in the coordinates of a space."""
+"""Sensitivity of a response quantity: Sobol' indices through a polynomial chaos expansion in the coordinates of a space."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ from structid.surrogates.in_coordinates import fitted_in_coordinates
 from structid.surrogates.regression import Regression
 
 POINTS = 4096
-"""Points of each of the two samples whose columns are exchanged, a power of 2."""
+"""Points of each of the two samples whose columns are exchanged; a power of 2."""
 RESAMPLES = 199
-"""Of the samples, for the errors of the indices. SciPy's own bootstrap adds a jackknife of every point, twenty times as long."""
+"""Resamples for the errors of the indices. SciPy's bootstrap adds a jackknife of every point, which takes twenty times as
+long."""
 BINS = 64
-"""Parts of equal probability in which the mean is taken, of one coordinate."""
+"""Bins of equal probability of one coordinate, in which the mean is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +111,9 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
             f"shape ({len(design.values)},): one value for each run",
             "A run without a value has NaN.",
         )
-    known = np.flatnonzero(np.isfinite(values))
+    finite = np.flatnonzero(np.isfinite(values))
     chosen = PCE(degree=tuple(range(1, 9))) if settings is None else settings
-    fitted = fitted_in_coordinates(design[known], lambda points: chosen.fit(points, values[known]))
+    fitted = fitted_in_coordinates(design[finite], lambda points: chosen.fit(points, values[finite]))
 
     def predicted(theta: np.ndarray) -> np.ndarray:
         return np.asarray(fitted.predict(np.asarray(theta)))[:, 0]
@@ -153,12 +154,12 @@ def _of_responses(
     chosen = {name: values[..., rows] for name, values in responses.items()}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of an index that is 0 in every resample
-        found = scipy.stats.sobol_indices(func=chosen, n=POINTS)
-    return np.ravel(found.first_order), np.ravel(found.total_order)
+        indices = scipy.stats.sobol_indices(func=chosen, n=POINTS)
+    return np.ravel(indices.first_order), np.ravel(indices.total_order)
 
 
 def _alone(column: Any, value: np.ndarray) -> float:
-    """V[E(y | x)] / V[y], from means over parts of equal probability, less what scatter within them adds."""
+    """V[E(y | x)] / V[y], from means over bins of equal probability, minus the contribution of the scatter within them."""
     parts = np.array_split(value[np.argsort(column)], BINS)
     means = np.array([part.mean() for part in parts])
     noise = np.mean([part.var(ddof=1) / len(part) for part in parts])

@@ -23,7 +23,7 @@ def fitted_stand_in(
     channel: str,
     settings: SurrogateSettings,
 ) -> Surrogate | None:
-    """Fit a surrogate to true runs at draws."""
+    """Fit a surrogate to model runs at draws."""
     measured = tuple(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     channels = tuple(dict.fromkeys((*measured, channel)))
     space = posterior.model_space

@@ -1,1 +1,1 @@
-"""The report: figures, tables and one self-contained page."""
+"""Reports: figures, tables and one self-contained page."""

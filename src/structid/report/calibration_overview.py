@@ -1,4 +1,4 @@
-"""The head of a calibration's page: what was done, and the posterior in numbers."""
+"""The overview of a calibration: what was done, and the posterior in numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.report.tables import moments, number, versions_table
 
 
 def posterior_table(material: PosteriorMaterial) -> Rows:
-    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them."""
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as in the thesis's tables."""
     summary = material.summary
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust, spread = "robust_sd" in summary.columns, material.result.robust
@@ -42,10 +42,10 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
 
 
 def derived_table(material: PosteriorMaterial) -> Rows | None:
-    """Mean, sd, 5-95 % and truth of what follows from the parameters, and the standard deviations of the errors."""
+    """Mean, sd, 5-95 % and truth of derived quantities and of the errors' standard deviations."""
     draws, weights = material.weighted_draws
     model, truth = material.true_posterior.model, material.truths[0]
-    found = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
+    quantities = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
     true = {} if truth is None else truth.derived_quantities(np.zeros((1, 0)))
     # σ = √σ², which a reader can compare with the measurement.
     variances = dict(zip(material.posterior.names, draws.T, strict=True))
@@ -54,7 +54,7 @@ def derived_table(material: PosteriorMaterial) -> Rows | None:
         for name, unit in material.posterior.sd_units.items()
     }
     rows = []
-    for name, (values, unit) in (dict(found) | errors).items():
+    for name, (values, unit) in (dict(quantities) | errors).items():
         if not np.isfinite(values).all():
             continue
         mean, sd, low, high = map(float, moments(values / factor(unit), weights))
@@ -80,7 +80,7 @@ def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
 
 
 def sentence(material: PosteriorMaterial) -> str:
-    """Say in one sentence what was done."""
+    """Describe in one sentence what was done."""
     posterior, surrogate = material.posterior, material.surrogate
     through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
     records = ", ".join(o.record.name for o in posterior.observations)

@@ -1,4 +1,4 @@
-"""The report of a calibration that was made in Python, without a study file."""
+"""The report of a calibration made in Python, without a study file."""
 
 from __future__ import annotations
 
@@ -69,10 +69,10 @@ def write_report(
         If the draws are of no posterior of a model.
     """
     material = _material(result, title, tuple(other_records), tuple(channels), true_values or {}, law_choice)
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    drawn = draw(section_list.OF_A_CALIBRATION, material, place / "figures", progress)
-    return write_posterior_report(material, drawn, place, {})
+    output_folder = Path(folder)
+    output_folder.mkdir(parents=True, exist_ok=True)
+    drawn = draw(section_list.OF_A_CALIBRATION, material, output_folder / "figures", progress)
+    return write_posterior_report(material, drawn, output_folder, {})
 
 
 def _material(

@@ -1,4 +1,4 @@
-"""A page that shows hybrid tests while they run. It is a process of its own and reads their recordings; nothing waits for it."""
+"""A live page of running hybrid tests, served by a separate process that reads their recordings."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from structid.report.page import PAGE, template
 
 LOOPBACK = "127.0.0.1"
 NICENESS = 10
-"""How far this process steps back behind the test's."""
+"""Priority of this process below the test's."""
 
 
 class LiveFolder:
-    """Tests of a programme, as far as they are in its folder."""
+    """Tests of a programme found in its folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._points: dict[str, LivePoints] = {}
 
     def state(self, test: str, moves: int, steps: int) -> dict[str, Any]:
-        """Say what is going on."""
+        """Current state of the tests."""
         ended, running = tests_in(self.folder), tests_in(self.folder, JOURNAL)
         report = (self.folder / PAGE).exists()
         if not running:
@@ -37,10 +37,10 @@ class LiveFolder:
         name = running[-1]
         if name not in self._points:
             self._points = {name: LivePoints(store_of(self.folder, name))}
-        known = self._points[name]
+        points = self._points[name]
         with contextlib.suppress(FileNotFoundError):
-            known.read()
-        new = known.since(*((moves, steps) if test == name else (0, 0)))
+            points.read()
+        new = points.since(*((moves, steps) if test == name else (0, 0)))
         return {"ended": ended, "running": name, "report": report, **new}
 
 
@@ -63,9 +63,9 @@ def application(folder: Path) -> Any:
         return HTMLResponse(page)
 
     async def state(request: Any) -> Any:
-        asked = request.query_params
-        counts = [int(asked[key]) if asked.get(key, "").isdigit() else 0 for key in ("moves", "steps")]
-        return JSONResponse(tests.state(asked.get("test", ""), *counts))
+        query = request.query_params
+        counts = [int(query[key]) if query.get(key, "").isdigit() else 0 for key in ("moves", "steps")]
+        return JSONResponse(tests.state(query.get("test", ""), *counts))
 
     return Starlette(
         routes=[Route("/", shown), Route("/state", state)],
@@ -85,7 +85,7 @@ def serve(folder: Path, port: int) -> None:
 
 @contextlib.contextmanager
 def live(folder: Path, port: int) -> Iterator[str]:
-    """Serve the page in a process of its own while something goes on here."""
+    """Serve the page in a separate process inside a ``with`` block."""
     application(folder)
     child = subprocess.Popen([sys.executable, "-m", __name__, str(folder), str(port)])
     try:

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: the verdict first, then the numbers, then what they rest on."""
+"""One self-contained HTML page: the verdict first, then the numbers, then their basis."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def write_posterior_report(
 
 
 def _doubt(verdict: Verdict) -> str:
-    """What stands beside every table and figure that it concerns; empty where nothing is wrong."""
+    """Warning next to every table and figure concerned; empty where nothing is wrong."""
     return verdict.doubt if verdict.converged else "The sampler has not converged: do not use this"
 
 
 def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, float]) -> Path:
-    """Write ``report.html`` of a study that has runs and nothing measured."""
+    """Write ``report.html`` of a study with runs and no measurement."""
     runs = material.runs
     assert runs is not None
     records = ", ".join(r.name for r in runs.records)
@@ -102,7 +102,7 @@ def write_programme_report(
 
 
 def write_certificate_report(material: CertificateMaterial, folder: Path, timings: dict[str, float]) -> Path:
-    """Write ``report.html`` of the certificate of somebody's draws."""
+    """Write ``report.html`` of a certificate of external draws."""
     return _write(
         "certificate.html",
         folder,
@@ -116,7 +116,7 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
 
 
 def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progress | None = None) -> Path:
-    """Write ``comparison.html``: model classes of one measurement side by side."""
+    """Write ``comparison.html``: a comparison of model classes of one measurement."""
     believed, further = comparison_headline(material)
     observations, count = material.observations, len(material.classes)
     channels, records = (
@@ -146,7 +146,7 @@ def _write(name: str, folder: Path, page: str = PAGE, **content: Any) -> Path:
 
 
 def _shown(drawn: Sequence[DrawnSection], material: Any, converged: bool = True) -> list[dict[str, Any]]:
-    """Sections that have something to show, as a template takes them."""
+    """Sections with content, as a template takes them."""
     shown = []
     for each in drawn:
         section, tables = each.section, each.section.tables(material)

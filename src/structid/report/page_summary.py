@@ -1,4 +1,4 @@
-"""The first screen of a calibration's page: what the parameters are, whether to believe them, and what to do next."""
+"""The summary of a calibration's page: the parameters, whether to believe them, and what to do next."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ from structid.report.material.material import PosteriorMaterial
 from structid.report.tables import percent
 
 Trust = Literal["good", "doubtful", "bad"]
-"""How far a reader may rely on something."""
+"""Reliability of a statement."""
 
 ORDER: tuple[Trust, ...] = ("good", "doubtful", "bad")
 
 MARKS: dict[Trust, str] = {"good": "✓", "doubtful": "!", "bad": "✗"}
 
 TIED = 0.9
-"""Correlation from which on two parameters are known together better than each by itself."""
+"""Correlation above which two parameters are determined jointly better than separately."""
 
 
 @dataclass(frozen=True)
 class Believed:
-    """An answer to one part of the question whether to believe the numbers."""
+    """Answer to one part of the question whether to believe the numbers."""
 
-    about: str  # What it is about
+    about: str  # subject
     trust: Trust  # ``"good"``, ``"doubtful"`` or ``"bad"``
-    said: str  # The answer, in few words
+    said: str  # the answer, in few words
 
 
 @dataclass(frozen=True)
 class Headline(ShownAsText):
-    """The first screen."""
+    """The summary."""
 
-    parameters: list[LearntParameter]  # Of the model
-    believed: list[Believed]  # The sampling, the surrogate, the model
-    unsaid: list[str]  # What the data do not say, one sentence each
-    further: list[str]  # What to do next, one sentence each, the most important first
+    parameters: list[LearntParameter]  # parameters of the model
+    believed: list[Believed]  # answers on the sampling, the surrogate, the model
+    unsaid: list[str]  # what the data do not determine, one sentence each
+    further: list[str]  # what to do next, one sentence each, most important first
 
     @property
     def elsewhere(self) -> bool:
-        """Whether intervals for another record are others."""
+        """Whether intervals for another record differ."""
         return any(p.elsewhere is not None for p in self.parameters)
 
     @property
     def truths(self) -> tuple[int, int] | None:
-        """How many true values lie in the intervals to be used, and how many there are; None where none is known."""
+        """Number of true values inside the intervals to be used, and their total; None where none is known."""
         held = [p.holds_truth for p in self.parameters if p.holds_truth is not None]
         return (sum(held), len(held)) if held else None
 
@@ -78,7 +78,7 @@ class Headline(ShownAsText):
 
     @property
     def wrong(self) -> bool:
-        """Whether the model is wrong for the data."""
+        """Whether the model contradicts the data."""
         return any(b.about == "Model" and b.trust == "bad" for b in self.believed)
 
     @property
@@ -88,13 +88,13 @@ class Headline(ShownAsText):
 
 
 def headline(material: PosteriorMaterial) -> Headline:
-    """Put the first screen together."""
+    """Build the summary."""
     parameters = learnt_parameters(material)
     return Headline(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
 
 
 def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:
-    """Answer whether to believe a comparison, and say what to do next."""
+    """Build the summary of a comparison."""
     believed = [_of_a_class(one) for one in material.classes]
     unfinished = [one.name for one in material.classes if not one.figures.trusted]
     best = material.best
@@ -115,15 +115,15 @@ def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], l
 
 
 def _of_a_class(one: ComparedClass) -> Believed:
-    """Whether the numbers of a class may be believed, and whether the class itself may."""
+    """Whether the numbers of a class, and the class itself, may be believed."""
     answers = _answers(one.material)
     worst = max(answers, key=lambda answer: ORDER.index(answer.trust))
-    known = "" if one.figures.trusted else "its numbers are not to be trusted; "
-    return Believed(one.name, worst.trust, known + answers[-1].said)
+    warning = "" if one.figures.trusted else "its numbers are not to be trusted; "
+    return Believed(one.name, worst.trust, warning + answers[-1].said)
 
 
 def _answers(material: PosteriorMaterial) -> list[Believed]:
-    """Of the sampling, of the surrogate, of the model."""
+    """Answers on the sampling, the surrogate, the model."""
     return [_sampling(material), *_surrogate(material), *_model(material)]
 
 
@@ -135,7 +135,7 @@ def _sampling(material: PosteriorMaterial) -> Believed:
 
 
 def _surrogate(material: PosteriorMaterial) -> list[Believed]:
-    """The certificate, or the validation of a surrogate without one; nothing where the model itself was sampled."""
+    """Answer on the surrogate: its certificate or validation; none where the model itself was sampled."""
     if material.result.cost is not None:
         return [Believed("Surrogate", "good", "only proposed; the model itself decided on every step")]
     if material.calibration is None:
@@ -163,18 +163,18 @@ def _model(material: PosteriorMaterial) -> list[Believed]:
 
 
 def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> list[str]:
-    """What the data leave open, given the model."""
+    """What the data do not determine, given the model."""
     if not material.result.verdict().converged:
         return []
-    said = []
+    sentences = []
     little = [pretty(p.name) for p in _hardly_known(parameters)]
     if little:
-        said.append(
+        sentences.append(
             f"The data say little of {_listed(little)}: what is known of {'it' if len(little) == 1 else 'them'} is in the prior."
         )
     adrift = [pretty(p.name) for p in parameters if p.unknown_elsewhere and pretty(p.name) not in little]
     if adrift:
-        said.append(
+        sentences.append(
             f"On another record the data say little of {_listed(adrift)}: while the structure moves, "
             f"{'it drifts' if len(adrift) == 1 else 'they drift'} by about as much as the prior spreads."
         )
@@ -188,14 +188,14 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
         pairs = [f"{pretty(parameters[i].name)} and {pretty(parameters[j].name)}" for i, j in tied]
         sizes = ", ".join(f"{correlation[i, j]:.2f}" for i, j in tied)
         which = "this pair is" if len(tied) == 1 else "these pairs are"
-        said.append(
+        sentences.append(
             f"{'; '.join(pairs)}: {which} known together better than each parameter by itself (correlation {sizes})."
         )
-    return said or ["Every parameter is known better than before, each by itself."]
+    return sentences or ["Every parameter is known better than before, each by itself."]
 
 
 def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> list[str]:
-    """What to do next. What makes the numbers worthless comes first, and alone."""
+    """What to do next. Anything that invalidates the numbers comes first, and alone."""
     verdict, calibration = material.result.verdict(), material.calibration
     exact = material.result.cost is not None
     if not verdict.converged:
@@ -204,42 +204,44 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
         enough = calibration.enough_to_go_on
         return [f"Allow more runs of the model: true_runs = {enough} or more, and run it again with --resume."]
     # A prior that the data contradict comes before everything else that may be wrong.
-    said = [
+    sentences = [
         f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors if warned.cure
     ]
     if verdict.another_size:
-        said.append(
+        sentences.append(
             "Look at the units of the measurement, of the record and of the priors: the best prediction is of another size than "
             "what was measured. Mend them, and run again in another folder."
         )
     elif verdict.wrong_model:
-        said.append(
+        sentences.append(
             "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "
             "yield, degradation, pinching, an offset of the instrument), calibrate that to the same measurement, and see which one "
             "the data favour: structid compare FIRST SECOND --out comparison."
         )
         if any(p.elsewhere is not None for p in parameters):
-            said.append("Until then use the intervals for another record; they allow for what the model lacks.")
+            sentences.append("Until then use the intervals for another record; they allow for what the model lacks.")
     elif verdict.wrong_law:
-        said.append("Let the data choose the law of the errors: leave [discrepancy] out of the study.")
+        sentences.append("Let the data choose the law of the errors: leave [discrepancy] out of the study.")
     if _hardly_known(parameters):
-        said.append(
+        sentences.append(
             "To learn more of what the data say little of, measure another channel or a stronger motion, or take its prior "
             "from tests."
         )
-    if not said:
+    if not sentences:
         with_it = "[[prediction.records]] in a study or predict(record) in Python"
-        said.append(
+        sentences.append(
             f"Use it: what other records do to the structure is below; further ones come with {with_it}."
             if material.other_records
             else f"Use it: predict what other records do to the structure, with {with_it}."
         )
-        said.append("If there is another measurement, add it as a further observation, or see whether it is predicted.")
-    return said
+        sentences.append(
+            "If there is another measurement, add it as a further observation, or see whether it is predicted."
+        )
+    return sentences
 
 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
-    """Parameters of which the posterior is about what the prior was; one that the data have moved is not among them."""
+    """Parameters with a posterior close to the prior; a shifted one is not among them."""
     return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
 
 

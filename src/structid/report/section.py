@@ -1,4 +1,4 @@
-"""What a section of a report is: a title, words, tables and figures, made of what a study leaves."""
+"""A section of a report: a title, words, tables and figures, made from a study's data."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = tuple[list[str], list[list[str]]]
-"""Heads and rows of a table."""
+"""Titles and rows of a table."""
 
 M = TypeVar("M", contravariant=True)
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table under its caption."""
+    """A table with its caption."""
 
-    caption: str  # What it shows
-    rows: Rows  # Heads and rows
-    of_words: bool = False  # Whether its cells are words, to be set to the left and broken
+    caption: str  # caption
+    rows: Rows  # titles and rows
+    of_words: bool = False  # whether its cells are words, aligned left and wrapped
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A figure of a section."""
 
-    name: str  # Of its file, without ending
-    caption: str  # What it shows
-    drawn: Figure | Film  # The figure, not saved yet; or what can write a film
+    name: str  # file name without extension
+    caption: str  # caption
+    drawn: Figure | Film  # the unsaved figure, or a film
 
 
 NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."
-"""Of parameters, where the model is wrong."""
+"""Note on parameters of a wrong model."""
 
 Drawing = Callable[[], Picture]
 """Draws one figure."""
 
 
 def nothing(material: object) -> list[Any]:
-    """Words or tables of a section that has none."""
+    """Words or tables of a section without any."""
     return []
 
 

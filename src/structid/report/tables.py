@@ -1,4 +1,4 @@
-"""Numbers of a report with as many digits as they deserve, and tables that several pages have."""
+"""Numbers of a report with appropriate digits, and tables shared by several pages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.figures.style import pretty_unit
 from structid.report.section import Rows
 
 NOTHING = 1e-3
-"""Part of its uncertainty below which a number is zero."""
+"""Fraction of its uncertainty below which a number is shown as zero."""
 
 
 def number(value: float, error: float | None = None) -> str:
@@ -41,7 +41,7 @@ def moments(
 
 
 def percent(share: float) -> str:
-    """A share in per cent, with two digits."""
+    """A fraction in per cent, with two digits."""
     value = 100.0 * share
     return f"{value:.0f} %" if abs(value) >= 10.0 else f"{value:.2g} %"
 
@@ -53,7 +53,7 @@ def in_display_unit(value: float, channel: str) -> str:
 
 
 def versions_table(timings: dict[str, float]) -> Rows:
-    """Times, versions and machine."""
+    """Durations, versions and machine."""
     rows = [
         *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
         [

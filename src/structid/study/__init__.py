@@ -1,1 +1,1 @@
-"""Studies: a TOML file that says a whole calibration in words, with units."""
+"""Studies: a TOML file that describes a whole calibration, with units."""

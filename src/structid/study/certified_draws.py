@@ -1,4 +1,4 @@
-"""The posterior of a study that another program drew, judged by runs of the study's own model."""
+"""Certification of external draws of a study's posterior, by runs of its own model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from structid.study.schema.study_file import study_text
 from structid.study.timings import Stage, StagesAsTold, Timings, silent
 
 CERTIFICATE = "certificate.json"
-"""All figures of the certificate."""
+"""File with all figures of the certificate."""
 
 
 def certify_draws(
@@ -39,8 +39,8 @@ def certify_draws(
         raise InputError("structid certify", f"a study without [observation]: {path}", "a study with a measurement")
     folder.mkdir(parents=True, exist_ok=True)
     posterior = study.posterior
-    with kept_open(study.model, executor) as workers, StagesAsTold(stage, Timings(folder / TIMINGS)) as told:
-        found = certify(
+    with kept_open(study.model, executor) as workers, StagesAsTold(stage, Timings(folder / TIMINGS)) as report:
+        certificate = certify(
             posterior,
             draws,
             true_runs=true_runs,
@@ -48,16 +48,16 @@ def certify_draws(
             seed=study.file.seed,
             store=folder,
             executor=workers,
-            progress=told,
+            progress=report,
         )
-    write_then_rename(folder / CERTIFICATE, json.dumps(found.to_plain(), indent=2).encode())
+    write_then_rename(folder / CERTIFICATE, json.dumps(certificate.to_plain(), indent=2).encode())
     material = CertificateMaterial(
         f"Certificate of a posterior: {study.file.title or study.file.name}",
         study_text(Path(path)),
         Path(draws).name,
-        found,
+        certificate,
         posterior.names,
         tuple(posterior.units.values()),
         posterior.factors,
     )
-    return found, write_certificate_report(material, folder, {"in all": time.perf_counter() - began})
+    return certificate, write_certificate_report(material, folder, {"in all": time.perf_counter() - began})

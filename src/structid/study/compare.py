@@ -1,4 +1,4 @@
-"""Compare studies of the same measurement: which model class do the data favour."""
+"""Comparison of studies of the same measurement: which model class the data favour."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from structid.study.run import StudyOutcome, stored_outcome
 from structid.study.timings import Stage, silent
 
 DRAWS = 1000
-"""Posterior draws that predict what is left out."""
+"""Posterior draws that predict left-out stretches."""
 PREDICTED = 200
-"""Posterior draws behind the bands."""
+"""Posterior draws of the bands."""
 _EVIDENCE = "evidence.h5"
 
 
@@ -44,7 +44,7 @@ def compare_studies(
 def compare_outcomes(
     paths: Sequence[Path], outcomes: Sequence[StudyOutcome], out: str | Path | None = None, stage: Stage = silent
 ) -> tuple[Comparison, Path | None]:
-    """Compare what studies of the same measurement have found."""
+    """Compare the results of studies of the same measurement."""
     classes = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in its own study
@@ -59,16 +59,16 @@ def compare_outcomes(
 
 
 def _check_same_measurement(paths: Sequence[Path]) -> None:
-    seen = {}
+    observed = {}
     for path in paths:
-        told = path / IDENTITY
-        if not told.is_file():
+        identity_file = path / IDENTITY
+        if not identity_file.is_file():
             raise InputError(f"{path}", "it holds no study", "a folder that structid run has filled")
-        study = json.loads(told.read_text())["study"]
+        study = json.loads(identity_file.read_text())["study"]
         if "observation" not in study:
             raise InputError(f"{path}", "a study without an observation", "studies that calibrate to a measurement")
-        seen[path] = study["observation"]
-    others = [p for p in paths if seen[p] != seen[paths[0]]]
+        observed[path] = study["observation"]
+    others = [p for p in paths if observed[p] != observed[paths[0]]]
     if others:
         raise InputError(
             "compare",
@@ -79,7 +79,7 @@ def _check_same_measurement(paths: Sequence[Path]) -> None:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Names of the studies; of their folders where those are the same. A page shows words, and no underscores."""
+    """Names of the studies, or of their folders where those are equal, without underscores."""
     names = [str(json.loads((p / IDENTITY).read_text())["name"]) for p in paths]
     return [name.replace("_", " ") for name in (names if len(set(names)) == len(names) else [p.name for p in paths])]
 
@@ -105,7 +105,7 @@ def _compared(path: Path, name: str, outcome: StudyOutcome) -> ComparedClass:
 
 
 def _share_inside(observations: Sequence[Observation], predictions: Sequence[Prediction]) -> float:
-    """Share of all measured values inside their 90 % bands."""
+    """Fraction of all measured values inside their 90 % bands."""
     inside = []
     for observation, prediction in zip(observations, predictions, strict=True):
         low, high = prediction.band(0.9, discrepancy=True)
@@ -114,13 +114,13 @@ def _share_inside(observations: Sequence[Observation], predictions: Sequence[Pre
 
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:
-    """The sampler's evidence. If it has none, the evidence of tempered SMC on the same posterior, where that is fast."""
+    """The sampler's evidence; otherwise that of SMC on the same posterior, where it is fast."""
     result, calibration = outcome.result, outcome.calibration
     assert result is not None and isinstance(result.target, Posterior)
-    found = result.log_evidence
-    if found is None:
+    evidence = result.log_evidence
+    if evidence is None:
         target = result.target if calibration is None else calibration.posterior.on(calibration.surrogate)
         if target.costs_runs:
             return None
-        found = sample(target, SMC(), result.seed, path / _EVIDENCE).log_evidence
-    return found if calibration is None or found is None else calibration.corrected(found)
+        evidence = sample(target, SMC(), result.seed, path / _EVIDENCE).log_evidence
+    return evidence if calibration is None or evidence is None else calibration.corrected(evidence)

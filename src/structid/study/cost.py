@@ -1,4 +1,4 @@
-"""What a study will cost, from a few timed runs of its model and of its likelihood under each law of the errors."""
+"""Expected cost of a study, from a few timed runs of its model and of its likelihood under each error model."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.stages.error_model_stage import sampler_under
 
 USUAL_ROUNDS = 6
-"""Rounds that a calibration of the benchmark study takes."""
+"""Rounds of a calibration of the benchmark study."""
 CHEAP = 1e-3
-"""Seconds of a run below which no surrogate is needed."""
+"""Duration of a run [s] below which no surrogate is needed."""
 LONG = 0.3
-"""Seconds of a call, beyond which it is timed once: the rest of a busy machine matters less to it."""
+"""Duration of a call [s] above which it is timed once, since other load matters less to it."""
 SLOW = 20.0
-"""Seconds of a batch, beyond which it is timed once."""
+"""Duration of a batch [s] above which it is timed once."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
-"""Runs that a search takes from each start, and how often all starts are linearised together, on the benchmark studies."""
+"""Runs of a search from each start, and number of joint linearisations, in the benchmark studies."""
 OVERHEAD = 0.4e-6
-"""Seconds that a sampler itself takes for a move and each of its parameters."""
+"""Time of a sampler itself per move and parameter [s]."""
 SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the law of the errors": 4.0, "sampling": 15.0}
-"""Seconds that these take on the benchmark study, 4001 samples long. A surrogate's own speed is known once it is fitted."""
+"""Durations of surrogate steps in the benchmark study with 4001 samples [s]. A surrogate's own speed is known after its fit."""
 BENCHMARK_SAMPLES = 4001
-"""Length of the benchmark study's record."""
+"""Samples of the benchmark study's record."""
 PAGE = 14.0
-"""Seconds of predictions, figures and page."""
+"""Duration of predictions, figures and page [s]."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a study, and what it will take."""
+    """A part of a study and its cost."""
 
-    what: str  # In words
-    seconds: float  # On this machine
-    runs: int = 0  # Model runs in it, if it is counted in those
-    batch: int = 1  # Of those, how many are done together
-    plan: Plan | None = None  # How they are spent on a certified calibration
+    what: str  # description
+    seconds: float  # duration on this machine [s]
+    runs: int = 0  # model runs, if it is counted in those
+    batch: int = 1  # runs done together
+    plan: Plan | None = None  # budget of a certified calibration
 
     def __str__(self) -> str:
         counted = ""
@@ -61,21 +61,21 @@ class Cost:
     """Expected cost of a study."""
 
     parts: tuple[Part, ...]  # In the order of the run
-    batch: int  # Runs done together; 1 for an external model
-    plan: Plan | None = None  # How the campaign's runs are spent on a certified calibration
-    otherwise: Part | None = None  # What sampling takes instead, if the data choose parameters that drift
-    longest: float | None = None  # In all, if a certified calibration uses its whole budget [s]
+    batch: int  # runs done together; 1 for an external model
+    plan: Plan | None = None  # budget of a certified calibration
+    otherwise: Part | None = None  # cost of sampling if the data choose drifting parameters
+    longest: float | None = None  # total if a certified calibration uses its whole budget [s]
     # Whether a time_shift is unknown, so that the model itself runs outside the compiled lanes
     clock_is_inferred: bool = False
 
     @property
     def seconds(self) -> float:
-        """In all [s]."""
+        """Total duration [s]."""
         return _sum(self.parts)
 
     @property
     def _each(self) -> float:
-        """Seconds of a run of the model, in a batch."""
+        """Duration of a model run in a batch [s]."""
         return next((part.seconds / part.runs for part in self.parts if part.runs), float("inf"))
 
     def __str__(self) -> str:
@@ -83,7 +83,7 @@ class Cost:
 
     @property
     def conclusion(self) -> str:
-        """The sum, and what would be cheaper, in lines of text."""
+        """The total, and cheaper alternatives, in lines of text."""
         lines = [f"In all about {duration(self.seconds)} on this machine{self._at_most}."]
         if self.otherwise is not None:
             lines.append(
@@ -114,20 +114,23 @@ class Cost:
 
 
 def _rounds(plan: Plan) -> str:
-    """Say how a plan spends its runs, and whether that leaves room to improve the surrogate."""
+    """Describe how a plan spends its runs, and whether it can improve the surrogate."""
     start, batch = plan.sizes
-    told = (
+    description = (
         f"Of them {start} make the first surrogate and {plan.certificate} the certificate; between them there is room for "
         f"{plan.rounds} x {batch} more."
     )
     if plan.rounds < USUAL_ROUNDS:
         enough = start + USUAL_ROUNDS * batch + plan.certificate
-        told += f" A surrogate mostly takes {USUAL_ROUNDS} to be good enough: calibration.true_runs = {enough} has room for them."
-    return told
+        description += (
+            f" A surrogate mostly takes {USUAL_ROUNDS} to be good enough: "
+            f"calibration.true_runs = {enough} has room for them."
+        )
+    return description
 
 
 def duration(seconds: float) -> str:
-    """Say a duration in the unit a person would use."""
+    """Format a duration in a suitable unit."""
     for size, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "min")):
         if seconds >= 2 * size:
             return f"{seconds / size:.0f} {unit}"
@@ -135,7 +138,7 @@ def duration(seconds: float) -> str:
 
 
 def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Cost:
-    """Time a few batches of everything that a study repeats, and scale them up."""
+    """Time a few batches of everything that a study repeats, and extrapolate."""
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
@@ -157,7 +160,7 @@ def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Co
 
 
 def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: int) -> Iterator[Part]:
-    """The parts of a study whose model takes so many seconds a run in such a batch, in the order of the run."""
+    """The parts of a study in order, given the duration of a run in a batch."""
     if runs := _true_runs(study):
         yield Part("Campaign", runs * each, runs, batch, study.plan)
     if study.parameter_study is not None:
@@ -175,16 +178,16 @@ def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: in
         yield from _searches(study)
         yield replace(_sampling(study.posterior, study.sampler), batch=batch)
     if study.fragility is not None:
-        asked = study.fragility
-        of_each = asked.training + asked.checks if asked.surrogate else asked.draws
-        again = of_each * len(asked.records) * len(asked.levels)
+        planned = study.fragility
+        of_each = planned.training + planned.checks if planned.surrogate else planned.draws
+        again = of_each * len(planned.records) * len(planned.levels)
         yield Part("Records of rising strength", again * each, again, batch)
     yield from _other_records(study, each)
     yield Part("Predictions, figures and page", PAGE)
 
 
 def _clock_is_inferred(study: BuiltStudy) -> bool:
-    """Whether the model itself is sampled with an unknown clock."""
+    """Whether the model itself is sampled with an unknown time shift."""
     posterior = study.posterior
     if posterior is None or not posterior.model.traceable or study.file.surrogate.kind != "none":
         return False
@@ -192,7 +195,7 @@ def _clock_is_inferred(study: BuiltStudy) -> bool:
 
 
 def _true_runs(study: BuiltStudy) -> int:
-    """Runs of the model itself before anything is sampled, and those that decide on a surrogate's proposals."""
+    """Model runs before sampling, and those that decide on a surrogate's proposals."""
     runs = 0 if study.campaign is None else len(study.campaign)
     if study.plan is not None:
         runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
@@ -204,14 +207,14 @@ def _true_runs(study: BuiltStudy) -> int:
 
 
 def _rounds_of(study: BuiltStudy) -> tuple[int, int]:
-    """Surrogates that are usually fitted, and those that the budget has runs for."""
+    """Usual number of surrogate fits, and the number that the budget allows."""
     if study.plan is None:
         return 1, 1
     return min(study.plan.rounds, USUAL_ROUNDS) + 1, study.plan.rounds + 1
 
 
 def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
-    """Surrogates fitted, explored and sampled, by what that took on the benchmark study."""
+    """Cost of fitting, exploring and sampling surrogates, scaled from the benchmark study."""
     longer = sum(len(o.record) * len(o.channels) for o in study.sampled.observations) / BENCHMARK_SAMPLES
     # Where a surrogate is not good enough after the usual rounds, its posterior is wide, and takes more of everything.
     harder = max(1.0, rounds / (USUAL_ROUNDS + 1))
@@ -225,7 +228,7 @@ def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
 
 
 def _other_records(study: BuiltStudy, each: float) -> list[Part]:
-    """Runs of somebody's solver for records that no surrogate but a NARX knows."""
+    """Runs of an external solver for records that only a NARX can predict."""
     if study.model.batched or not study.other_records or (study.has_surrogate and "narx" in study.file.surrogate.kind):
         return []
     runs = (study.file.prediction.draws + 1) * len(study.other_records)
@@ -237,7 +240,7 @@ def _sum(parts: Iterable[Part]) -> float:
 
 
 def _under_usual_laws(study: BuiltStudy) -> list[Posterior]:
-    """The posterior under each law that the data may choose, where the choice is theirs and the model itself is sampled."""
+    """The posterior under each error model, where the data choose and the model itself is sampled."""
     posterior = study.posterior
     if posterior is None or not study.law_is_open or study.has_surrogate or posterior.costs_runs:
         return []
@@ -245,7 +248,7 @@ def _under_usual_laws(study: BuiltStudy) -> list[Posterior]:
 
 
 def _choice(under: Sequence[Posterior]) -> list[Part]:
-    """The choice of the law, each law sampled."""
+    """The choice of the error model, with a sampling run for each."""
     if not under:
         return []
     tried = [of for of in under if of.in_lanes or not of.law.inside]
@@ -253,7 +256,7 @@ def _choice(under: Sequence[Posterior]) -> list[Part]:
 
 
 def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
-    """Draws of a posterior, those of the start and those that are discarded included."""
+    """Draws of a posterior, those of the start and discarded ones included."""
     evaluations = sampler.evaluations(posterior.dimension)
     together = sampler.ensembles * sampler.walkers
     phi = posterior.initial(
@@ -266,7 +269,7 @@ def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
 
 
 def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:
-    """The gradient of the log density at some points, to be timed."""
+    """Function that evaluates the gradient of the log density, for timing."""
     import jax
 
     density, data = posterior.traceable()
@@ -287,7 +290,7 @@ def _searches(study: BuiltStudy) -> Iterator[Part]:
 
 
 def _shortest(call: Callable[[], object], repeats: int = 3) -> float:
-    """Shortest of some times of a call, after one that may compile; a long call is timed once [s]."""
+    """Shortest of repeated times of a call, after one that may compile; a long call is timed once [s]."""
     call()
     seconds: list[float] = []
     while len(seconds) < repeats and sum(seconds) < LONG:
@@ -303,11 +306,11 @@ def _seconds_per_run(study: BuiltStudy, batch: int, repeats: int) -> list[float]
     seconds = []
     for _ in range(repeats):
         began = time.perf_counter()
-        found = study.model.simulate(theta, study.record)
+        histories = study.model.simulate(theta, study.record)
         seconds.append((time.perf_counter() - began) / batch)
-        if all(Status(status).run_failed for status in found.status):
+        if all(Status(status).run_failed for status in histories.status):
             raise InputError(
-                "model", f"its trial run {Status(found.status[0]).words}: {found.reasons[0]}",
+                "model", f"its trial run {Status(histories.status[0]).words}: {histories.reasons[0]}",
                 "a model that runs at a draw from the priors", "Correct the model, its files or the priors.",
             )  # fmt: skip
         if seconds[0] * batch > SLOW:

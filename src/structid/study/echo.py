@@ -1,4 +1,4 @@
-"""Every quantity of a study file in SI, as it was understood: a ton is not a tonne."""
+"""All quantities of a study file in SI, as understood: a ton is not a tonne."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from structid.study.schema.study_file import study_text
 
 
 def quantities_in_si(path: str | Path) -> list[str]:
-    """List the texts of a study file that are quantities, each with its value in SI."""
+    """List the strings of a study file that are quantities, each with its value in SI."""
     content = tomllib.loads(study_text(Path(path)))
-    found = [(key, text) for key, text in _texts(content) if is_quantity(text)]
-    width = max((len(key) for key, _ in found), default=0)
-    return [f"{key.ljust(width)}  {text} = {in_si(text)}" for key, text in found]
+    quantities = [(key, text) for key, text in _texts(content) if is_quantity(text)]
+    width = max((len(key) for key, _ in quantities), default=0)
+    return [f"{key.ljust(width)}  {text} = {in_si(text)}" for key, text in quantities]
 
 
 def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
-    """Every text of a tree, with its key."""
+    """All strings of a tree, with their keys."""
     items = (
         content.items()
         if isinstance(content, dict)
@@ -29,8 +29,8 @@ def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
         else ()
     )
     for key, value in items:
-        own = f"{where}.{key}" if where else str(key)
+        key_of_item = f"{where}.{key}" if where else str(key)
         if isinstance(value, str):
-            yield own, value
+            yield key_of_item, value
         else:
-            yield from _texts(value, own)
+            yield from _texts(value, key_of_item)

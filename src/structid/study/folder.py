@@ -1,4 +1,4 @@
-"""The folder of a study: what lies where, which study it belongs to, and the copies of what the study reads."""
+"""The folder of a study: its layout, its identity, and copies of the study's input files."""
 
 from __future__ import annotations
 
@@ -18,46 +18,46 @@ from structid.study.building.study import build
 from structid.study.schema.study_file import StudyFile, parse_study, study_text
 
 IDENTITY = "identity.json"
-"""What a study depends on, and where its inputs lie."""
+"""Everything on which a study depends, and the location of its inputs."""
 
 STUDY = "study.toml"
 """The study file."""
 
 INPUTS = "inputs"
-"""Copies of the files that the study reads."""
+"""Copies of the input files."""
 
 TIMINGS = "timings.json"
-"""Seconds of every stage."""
+"""Duration of every stage."""
 
 FIGURES = "figures"
-"""Drawings of the page."""
+"""Figures of the page."""
 
 POSTERIOR = "posterior.nc"
-"""Draws and predictions in ArviZ's schema."""
+"""Draws and predictions in the ArviZ schema."""
 
 CHAINS = "chains.h5"
-"""Draws of a plain sampling."""
+"""Draws of a sampling without calibration."""
 
 CHAINS_WITHOUT_HIDDEN = "chains_without_hidden.h5"
-"""Draws under a law without hidden values, where those could not be sampled reliably."""
+"""Draws under an error model without latent variables, where those could not be sampled reliably."""
 
 LAWS = "laws"
-"""Draws under each of the laws of the errors that may be chosen."""
+"""Draws under each error model of a choice."""
 
 SURROGATE = "surrogate.h5"
 """The fitted surrogate."""
 
 VALIDATION = "validation.h5"
-"""True runs that validate it."""
+"""Model runs that validate it."""
 
 PARAMETER_RUNS = "parameter_study.h5"
 """Runs over the priors."""
 
 FRAGILITY = "fragility.journal"
-"""Who passes, of every record at every level."""
+"""Passages for every record at every level."""
 
 SCRATCH = "scratch"
-"""Files that true runs leave."""
+"""Files of model runs."""
 
 
 def _has_runs(folder: Path) -> bool:
@@ -65,12 +65,12 @@ def _has_runs(folder: Path) -> bool:
 
 
 def has_draws(folder: Path) -> bool:
-    """Whether there are draws, of a plain sampling or of a calibration."""
+    """Whether there are draws, of a sampling or of a calibration."""
     return (folder / CHAINS).is_file() or (folder / CALIBRATION_FOLDER / CALIBRATION_FINISHED).is_file()
 
 
 def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
-    """Read the study in a folder, its file names turned to the copies."""
+    """Read the study in a folder, with its file names replaced by the copies."""
     identity = folder / IDENTITY
     if not identity.is_file() or not (has_draws(folder) or _has_runs(folder)):
         raise InputError(
@@ -80,12 +80,12 @@ def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
     with undamaged(identity, "what identifies a study"):
-        told = json.loads(identity.read_text(encoding="utf-8"))
-    return _with_kept_inputs(folder, told["inputs"]), told
+        identity_of_study = json.loads(identity.read_text(encoding="utf-8"))
+    return _with_kept_inputs(folder, identity_of_study["inputs"]), identity_of_study
 
 
 def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
-    """Build the study that has been sampled in a folder."""
+    """Rebuild the study that was sampled in a folder."""
     of_runs_alone = file.parameter_study is not None and not file.observation
     if not (has_draws(folder) or of_runs_alone):
         raise InputError(
@@ -98,13 +98,13 @@ def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
 
 
 def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
-    """Take a folder for this study, or refuse it; nothing in it is touched when it is refused."""
-    told = folder / IDENTITY
-    if told.is_file():
-        with undamaged(told, "what identifies a study"):
-            found = json.loads(told.read_text(encoding="utf-8"))["study"]
-        if not (adopt and differences(found, study.identity) == ["model"]):
-            compare_identity(folder, found, study.identity)
+    """Reserve a folder for this study, or refuse it unchanged."""
+    identity_file = folder / IDENTITY
+    if identity_file.is_file():
+        with undamaged(identity_file, "what identifies a study"):
+            stored = json.loads(identity_file.read_text(encoding="utf-8"))["study"]
+        if not (adopt and differences(stored, study.identity) == ["model"]):
+            compare_identity(folder, stored, study.identity)
         if not resume:
             raise InputError(
                 f"--out {folder}",
@@ -123,12 +123,12 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
     identity = {
         "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
     }  # fmt: skip
-    write_then_rename(told, json.dumps(identity, indent=2).encode())
+    write_then_rename(identity_file, json.dumps(identity, indent=2).encode())
 
 
 @contextmanager
 def left_as_it_was(folder: Path) -> Iterator[None]:
-    """Put back what identifies a folder's study, if stores in it turn out to belong to another one."""
+    """Restore a folder's identity if stores in it turn out to belong to another study."""
     kept = {name: (folder / name).read_bytes() for name in (IDENTITY, STUDY) if (folder / name).is_file()}
     try:
         yield
@@ -139,7 +139,7 @@ def left_as_it_was(folder: Path) -> Iterator[None]:
 
 
 def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
-    """Copy every file the study reads into its folder, so that the report needs nothing else; old names to new ones."""
+    """Copy all input files of the study into its folder, so that the report needs nothing else; returns new names by old ones."""
     kept: dict[str, str] = {}
     for name in dict.fromkeys(_file_names(study.file.model_dump(exclude={"model"}))):
         kept[name] = f"{len(kept)}/{Path(name).name}"
@@ -150,7 +150,7 @@ def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
 
 
 def _file_names(content: Any) -> Iterator[str]:
-    """Every value of a key ``file``, however deep."""
+    """All values of a key ``file``, at any depth."""
     if isinstance(content, dict):
         for key, value in content.items():
             if key == "file" and isinstance(value, str):
@@ -163,7 +163,7 @@ def _file_names(content: Any) -> Iterator[str]:
 
 
 def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
-    """Read the stored study with its file names turned to the copies."""
+    """Read the stored study with its file names replaced by the copies."""
 
     def turned(content: Any) -> Any:
         if isinstance(content, dict):

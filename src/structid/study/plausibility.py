@@ -1,4 +1,4 @@
-"""Whether model and measurement are of similar size, before any long run: a wrong unit shows here."""
+"""Plausibility of model and measurement before any long run, which reveals wrong units."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 
 PRIOR_DRAWS = 1024
-"""Draws of the priors that say what follows from them."""
+"""Draws of the priors for derived quantities."""
 
 LARGEST_PGA = 5.0
-"""More than any ground has shown [g]: 4.4 g, of all components together, at IWTH25 in Iwate-Miyagi in 2008."""
+"""Largest plausible ground acceleration [g]: more than the 4.4 g (vector sum) at IWTH25 in Iwate-Miyagi in 2008."""
 
 FREQUENCIES = (0.03, 300.0)
-"""Between them is the lowest natural frequency [Hz] of whatever is tested: a suspension bridge, a stiff small specimen."""
+"""Range of the lowest natural frequency [Hz] of test structures: from a suspension bridge to a stiff small specimen."""
 
 BETWEEN = 0.25
-"""Probability of each parameter, by its prior, at the point that is run between two runs of one point."""
+"""Prior probability of each parameter at the point run between two runs of one point."""
 
 SAME = 1e-6
-"""Difference of two runs of one point, in parts of the peak, that may be the rounding of sums in another order."""
+"""Difference of two runs of one point, relative to the peak, that may be rounding in another order of summation."""
 
 
 @dataclass(frozen=True)
 class Plausibility:
-    """What a run at the priors' medians shows beside the measurement."""
+    """Comparison of a run at the priors' medians with the measurement."""
 
-    said: tuple[str, ...]  # What was found, a sentence each
-    questions: tuple[str, ...]  # What is probably a mistake, a sentence each
+    said: tuple[str, ...]  # findings, one sentence each
+    questions: tuple[str, ...]  # probable mistakes, one sentence each
     # For each observation whose simulation succeeded, model and measurement channel by channel, for `plot`
     pairs: tuple[tuple[SideBySide, ...], ...] = field(default=(), repr=False)
 
     def plot(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Draw each measurement on its record, with the model's response at the priors' medians."""
+        """Draw each measurement with its record and the model's response at the priors' medians."""
         Path(folder).mkdir(parents=True, exist_ok=True)
         written = []
         for number, pairs in enumerate(self.pairs, start=1):
@@ -61,7 +61,7 @@ class Plausibility:
             figures.measurement_on_record(
                 record.time,
                 (record.values, record.kind, record.unit),
-                [(values, *place) for values, place in zip(shown[0], places, strict=True)],
+                [(values, *index) for values, index in zip(shown[0], places, strict=True)],
                 shown[1],
                 title=f"Measured on {record.name}" if record.name else "",
                 save=name,
@@ -75,10 +75,10 @@ def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -
     questions = _of_the_records(study)
     if study.posterior is None:
         return Plausibility((), tuple(questions))
-    said: list[str] = []
+    findings: list[str] = []
 
     def say(*sentences: str) -> None:
-        said.extend(sentences)
+        findings.extend(sentences)
         if tell is not None:
             for sentence in sentences:
                 tell(sentence)
@@ -109,17 +109,17 @@ def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -
             questions += pair.questions.values() if np.ptp(pair.measured) > 0.0 else ()
     if compared and not study.model.batched:
         questions += _of_memory(study, compared[0])
-    return Plausibility(tuple(said), tuple(questions), tuple(compared))
+    return Plausibility(tuple(findings), tuple(questions), tuple(compared))
 
 
 def _point(study: BuiltStudy, probability: float) -> Design:
-    """The point at which every parameter has this probability by its prior."""
+    """The point at which every parameter has this prior probability."""
     space = study.space
     return Design(space.from_uniform(np.full((1, space.dimension), probability)), space)
 
 
 def _of_the_records(study: BuiltStudy) -> list[str]:
-    """What the records of ground motions show by themselves."""
+    """Faults that the ground motions show by themselves."""
     measured = [o.record for o in study.posterior.observations] if study.posterior is not None else []
     records = {
         id(r): r for r in (*measured, *study.campaign_records, *study.other_records) if isinstance(r, GroundMotion)
@@ -137,20 +137,20 @@ def _of_the_records(study: BuiltStudy) -> list[str]:
 
 
 def _of_the_frequency(study: BuiltStudy, theta: np.ndarray) -> list[str]:
-    """Whether what is shaken could be a structure: a forgotten unit makes a stiffness a million times too small."""
-    found = study.model.natural_frequency(theta)
+    """Whether the natural frequency is plausible: a forgotten unit makes a stiffness a million times too small."""
+    frequency = study.model.natural_frequency(theta)
     assert study.posterior is not None
     shaken = any(not isinstance(o.record, DisplacementHistory) for o in study.posterior.observations)
-    if found is None or not shaken or FREQUENCIES[0] <= float(found[0]) <= FREQUENCIES[1]:
+    if frequency is None or not shaken or FREQUENCIES[0] <= float(frequency[0]) <= FREQUENCIES[1]:
         return []
     return [
-        f"At the priors' medians the lowest natural frequency is {float(found[0]):.2g} Hz, which no structure has. Are mass and "
-        "stiffness in the units you mean, and a number without a unit in SI?"
+        f"At the priors' medians the lowest natural frequency is {float(frequency[0]):.2g} Hz, which no structure has. Are mass "
+        "and stiffness in the units you mean, and a number without a unit in SI?"
     ]
 
 
 def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[IntegrationError]:
-    """The largest error of the integration, over the records of the measurements; none of an external model."""
+    """The largest integration error over the records; none for an external model."""
     if study.posterior is None or not isinstance(study.model, TraceableModel):
         return []
     records = {o.record.content_hash: o.record for o in study.posterior.observations}.values()
@@ -159,7 +159,7 @@ def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[Int
 
 
 def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
-    """Whether an external model is the same function of the parameters again after another point: a certificate needs that."""
+    """Whether an external model repeats its result after another point, which a certificate requires."""
     record = first[0].record
     study.model.simulate(study.model.parameters(_point(study, BETWEEN)), record)
     again = study.model.simulate(study.model.parameters(_point(study, 0.5)), record)
@@ -179,11 +179,11 @@ def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
 
 
 def _of_the_priors(study: BuiltStudy) -> list[str]:
-    """What the priors say of what follows from the parameters, such as a yield displacement."""
+    """Derived quantities under the priors, such as a yield displacement."""
     draws = study.model.parameters(study.space.sample(PRIOR_DRAWS, 0, "sobol"))
-    said = []
+    findings = []
     for name, (values, unit) in study.model.derived_quantities(draws).items():
         low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf") / factor(unit)
         upper = f"{low:.3g} to {high:.3g} {unit}" if np.isfinite(high) else f"above {low:.3g} {unit}"
-        said.append(f"By the priors the {name} is {upper} with 90 % probability, its median {middle:.3g} {unit}.")
-    return said
+        findings.append(f"By the priors the {name} is {upper} with 90 % probability, its median {middle:.3g} {unit}.")
+    return findings

@@ -1,4 +1,4 @@
-"""Run a study from its file to its report; everything that is finished is on disk, and a killed run goes on from there."""
+"""Run a study from its file to its report. Completed work is on disk, and an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ from structid.surrogates.surrogate_list import load_surrogate
 
 @dataclass(frozen=True, eq=False)
 class StudyOutcome:
-    """What a run of a study leaves."""
+    """Outcome of a study."""
 
     result: SamplingResult | None  # Draws and verdict; None for a study without an observation
-    searches: dict[str, OptimizeResult]  # Deterministic calibrations by method
-    report: Path  # The page
-    runs: Runs | None = None  # The campaign's
-    surrogate: Surrogate | None = None  # What stood in for the model, validated
-    calibration: CalibrationResult | None = None  # Certificate and rounds, where the study asks for them
-    law_choice: LawChoice | None = None  # Which law of the errors the data have chosen, where it was left to them
-    parameter_study: ParameterStudy | None = None  # What runs over the priors tell, where the study asks for them
+    searches: dict[str, OptimizeResult]  # deterministic calibrations by method
+    report: Path  # the page
+    runs: Runs | None = None  # runs of the campaign
+    surrogate: Surrogate | None = None  # the validated surrogate
+    calibration: CalibrationResult | None = None  # certificate and rounds
+    law_choice: LawChoice | None = None  # error model chosen by the data
+    parameter_study: ParameterStudy | None = None  # results of runs over the priors
     # The probability of a passage or of a failure for records of rising strength, where the study asks for it
     fragility: Fragility | None = None
-    material: PosteriorMaterial | None = None  # All of it as a page takes it; None for a study without an observation
+    material: PosteriorMaterial | None = None  # everything for the page; None for a study without an observation
 
     @property
     def trusted(self) -> bool:
-        """Whether its numbers may be believed: converged, and certified where that was asked for."""
+        """Whether its numbers may be believed: converged, and certified where requested."""
         if self.calibration is not None:
             return self.calibration.trusted
         return self.result is None or self.result.verdict().converged
@@ -78,60 +78,60 @@ def run_study(
         kept_open(study.model, executor) as workers,
     ):  # a missing executor is reported before a folder is taken
         claim(folder, study, Path(path), resume or retry or adopt, adopt)
-        place = Workplace(folder, stage, workers, retry, adopt)
-        return _work(study, place)
+        workplace = Workplace(folder, stage, workers, retry, adopt)
+        return _work(study, workplace)
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
     """Write the report again from what is stored."""
     folder = Path(folder)
-    file, told = stored_study(folder)
-    place = Workplace(folder, stage)
+    file, identity = stored_study(folder)
+    workplace = Workplace(folder, stage)
     if not (file.observation or file.parameter_study):
         # Runs alone: the solver is not needed, and may have changed or gone.
-        return _runs_again(file, place)
-    return _work(rebuilt(folder, file, told), place)
+        return _runs_again(file, workplace)
+    return _work(rebuilt(folder, file, identity), workplace)
 
 
-def _runs_again(file: StudyFile, place: Workplace) -> StudyOutcome:
-    """Show stored runs, and the surrogate that was fitted to them, without the model."""
-    runs, fitted = open_runs(place.folder / CAMPAIGN_RUNS), place.folder / SURROGATE
+def _runs_again(file: StudyFile, workplace: Workplace) -> StudyOutcome:
+    """Show stored runs and their surrogate without the model."""
+    runs, fitted = open_runs(workplace.folder / CAMPAIGN_RUNS), workplace.folder / SURROGATE
     surrogate = load_surrogate(fitted) if fitted.is_file() else None
-    material = RunsMaterial(file.title or file.name, place.settings, runs, surrogate)
-    page = write_runs_report(material, place.folder, place.timings.seconds)
+    material = RunsMaterial(file.title or file.name, workplace.settings, runs, surrogate)
+    page = write_runs_report(material, workplace.folder, workplace.timings.seconds)
     return StudyOutcome(None, {}, page, runs, surrogate)
 
 
 def stored_outcome(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
-    """Read back what a study has found, without writing anything."""
+    """Read the stored outcome of a study without writing anything."""
     folder = Path(folder)
-    place = Workplace(folder, stage, page=False)
-    return _work(rebuilt(folder, *stored_study(folder)), place)
+    workplace = Workplace(folder, stage, page=False)
+    return _work(rebuilt(folder, *stored_study(folder)), workplace)
 
 
-def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
-    """Go through the stages that the study asks for."""
-    study = study.working_in(place.folder.resolve() / SCRATCH)
-    with run_map(study.model, place.executor) as map_of_runs, warnings.catch_warnings():
+def _work(study: BuiltStudy, workplace: Workplace) -> StudyOutcome:
+    """Run the stages of the study."""
+    study = study.working_in(workplace.folder.resolve() / SCRATCH)
+    with run_map(study.model, workplace.executor) as map_of_runs, warnings.catch_warnings():
         if study.posterior is not None:
             study = replace(study, posterior=study.posterior.mapped_by(map_of_runs))
             warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
-        found = Findings(study, true_posterior=study.posterior)
-        for stage in (*stage_list.STAGES, *([stage_list.PAGE_STAGE] if place.page else [])):
-            if stage.wanted(found):
-                found = stage.run(found, place)
-    material = found.material
-    if material is None and found.result is not None:  # no page was asked for
-        material = posterior_material(found, found.result, place)
+        findings = Findings(study, true_posterior=study.posterior)
+        for stage in (*stage_list.STAGES, *([stage_list.PAGE_STAGE] if workplace.page else [])):
+            if stage.wanted(findings):
+                findings = stage.run(findings, workplace)
+    material = findings.material
+    if material is None and findings.result is not None:  # no page was asked for
+        material = posterior_material(findings, findings.result, workplace)
     return StudyOutcome(
-        found.result,
-        found.searches,
-        place.folder / PAGE,
-        found.runs,
-        found.surrogate,
-        found.calibration,
-        found.law_choice,
-        found.parameter_study,
-        found.fragility,
+        findings.result,
+        findings.searches,
+        workplace.folder / PAGE,
+        findings.runs,
+        findings.surrogate,
+        findings.calibration,
+        findings.law_choice,
+        findings.parameter_study,
+        findings.fragility,
         material,
     )

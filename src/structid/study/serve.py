@@ -1,4 +1,4 @@
-"""What a study offers over UM-Bridge: its model as "forward", and its posterior's log density as "posterior"."""
+"""A study over UM-Bridge: its model as "forward", its posterior's log density as "posterior"."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.study.building.built_study import BuiltStudy
 
 
 class ServedPosterior(Served):
-    """A posterior as ``umbridge.serve_models`` wants it: one input vector, all parameters in SI; one number out."""
+    """A posterior with the interface of ``umbridge.serve_models``: all parameters in SI in, one number out."""
 
     def __init__(self, posterior: Posterior, name: str = "posterior") -> None:
         super().__init__(name, differentiable=False)
@@ -28,13 +28,13 @@ class ServedPosterior(Served):
         return [1]
 
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
-        """Log posterior density; where it is zero, the most negative number there is, since JSON has no infinity."""
+        """Log posterior density; where it is zero, the most negative number, since JSON has no infinity."""
         density = float(self.posterior.log_density(np.array(parameters))[0])
         return [[max(density, -np.finfo(float).max)]]
 
 
 def offered(study: BuiltStudy) -> list[Any]:
-    """List what a study can serve."""
+    """Models that a study can serve."""
     models: list[Any] = [ServedModel(study.model, study.record)]
     if study.posterior is not None:
         models.append(ServedPosterior(study.posterior))

@@ -1,4 +1,4 @@
-"""Check a study by simulation: replicas of its measurement with known parameters, each calibrated."""
+"""Simulation-based calibration of a study: replicas of its measurement with known parameters, each calibrated."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def check_by_simulation(
     stage: Stage = silent,
     executor: Any = None,
 ) -> tuple[Ranks, Path | None]:
-    """Simulate measurements with a study's model and law, and calibrate to each.
+    """Simulate measurements with a study's model and error model, and calibrate to each.
 
     A study with a [surrogate] and no [calibration] is tested with its surrogate, fitted to its campaign, on measurements
-    simulated by the model itself. A certified calibration builds its surrogate where one posterior is, so it is of no use for
-    others. In that case a built-in model is sampled itself.
+    simulated by the model itself. A certified calibration builds its surrogate for one posterior, so that it is of no use for
+    others; a built-in model is then sampled itself.
     """
     study = load(path)
     if study.posterior is None:
@@ -49,7 +49,7 @@ def check_by_simulation(
     with kept_open(study.model, executor) as workers:
         posterior = study.posterior.on(_surrogate(study, folder, stage, workers)) if by_surrogate else study.posterior
         with run_map(study.model, workers) as map_of_runs, stage("calibrating replicas") as progress:
-            found = sbc(
+            ranks = sbc(
                 posterior.mapped_by(map_of_runs),
                 replicas,
                 seed=study.file.seed if seed is None else seed,
@@ -57,13 +57,13 @@ def check_by_simulation(
                 progress=progress,
             )
     if folder is None:
-        return found, None
-    found.plot(folder / _FIGURE)
-    return found, folder / f"{_FIGURE}.png"
+        return ranks, None
+    ranks.plot(folder / _FIGURE)
+    return ranks, folder / f"{_FIGURE}.png"
 
 
 def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: Any) -> Surrogate:
-    """Do the study's campaign, and fit its surrogate to that."""
+    """Run the study's campaign, and fit its surrogate."""
     assert study.campaign is not None
     store = None if folder is None else folder / _RUNS
     campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")

@@ -1,4 +1,4 @@
-"""Times of a study's stages, and their progress bars."""
+"""Durations of a study's stages, and their progress bars."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.core.journal import write_then_rename
 from structid.core.progress import Progress
 
 Stage = Callable[[str], Any]
-"""Opens a progress bar for a stage: a context manager that gives a `Progress`."""
+"""Opens a progress bar for a stage: a context manager that yields a `Progress`."""
 
 
 @contextmanager
@@ -23,14 +23,14 @@ def silent(_: str) -> Iterator[Progress | None]:
 
 
 class Timings:
-    """Seconds of every stage, kept on disk: a stage that was read back from disk keeps the time it once took."""
+    """Durations of all stages on disk: a stage that is read from disk keeps the duration of its computation."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.seconds: dict[str, float] = json.loads(path.read_text()) if path.is_file() else {}
 
     def put(self, name: str, seconds: float) -> None:
-        """Keep the seconds of a stage."""
+        """Store the duration of a stage."""
         self.seconds[name] = seconds
         write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
 
@@ -45,7 +45,7 @@ class Timings:
 
 
 class StagesAsTold:
-    """Opens a bar for each step that a calibration reports, and adds up its time."""
+    """Opens a bar for each step reported by a calibration, and adds up its duration."""
 
     def __init__(self, stage: Stage, timings: Timings) -> None:
         self._stage, self._timings, self._doing = stage, timings, ""
@@ -58,7 +58,7 @@ class StagesAsTold:
         self._open.close()
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """Show how much of a step is done."""
+        """Show the progress of a step."""
         if what != self._doing:
             self._open.close()
             self._doing = what

@@ -1,4 +1,4 @@
-"""What every surrogate of response histories is: a model fitted to runs, that knows how good it is and where it was fitted."""
+"""The interface of every surrogate of response histories: a model fitted to runs, with its error and its range."""
 
 from __future__ import annotations
 
@@ -150,12 +150,12 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def kind_in_words(self) -> str:
-        """What it is, in a few words that follow "a"."""
+        """Its kind in a few words that follow "a"."""
         return f"{self.fitted.kind} surrogate"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """What its report says besides its settings: names and values."""
+        """Further lines of its report besides the settings: names and values."""
         return []
 
     @abstractmethod
@@ -192,7 +192,7 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def stand_in(self) -> StandIn:
-        """Itself: it stands for the model it was fitted to."""
+        """Itself: it replaces the model it was fitted to."""
         return self
 
     @property
@@ -202,7 +202,7 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def error(self) -> float:
-        """Mean relative error: as validated, or as estimated while fitting."""
+        """Mean relative error: as validated, or as estimated during the fit."""
         return self.fitted.error if self.validation is None else self.validation.mean
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
@@ -381,7 +381,7 @@ class Surrogate(TraceableModel, StandIn):
         return self.validation
 
     def trust(self) -> None:
-        """Allow the surrogate in a posterior whatever its error: the caller takes responsibility."""
+        """Allow the surrogate in a posterior whatever its error; the caller takes responsibility."""
         self.trusted = True
 
     def check_fitness(self) -> None:
@@ -451,9 +451,17 @@ class Surrogate(TraceableModel, StandIn):
         plain, arrays = self.to_plain()
         fit, prior = self.fitted, self.space.to_plain()
         # Derived parameters that are functions are named only in a file, and no response depends on them.
-        told = [fit.kind, self.channels, fit.excitation, fit.dt, fit.outside, prior["marginals"], prior["correlation"]]
-        told += [fit.reach] * (fit.reach > 0.0)
-        return digest(told, fit.low, fit.high, plain, *[arrays[k] for k in sorted(arrays)])
+        contents = [
+            fit.kind,
+            self.channels,
+            fit.excitation,
+            fit.dt,
+            fit.outside,
+            prior["marginals"],
+            prior["correlation"],
+        ]
+        contents += [fit.reach] * (fit.reach > 0.0)
+        return digest(contents, fit.low, fit.high, plain, *[arrays[k] for k in sorted(arrays)])
 
     def __str__(self) -> str:
         fit = self.fitted

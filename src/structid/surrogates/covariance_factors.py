@@ -10,7 +10,7 @@ from jaxtyping import Float
 def raised_cholesky(
     matrix: Float[np.ndarray, "n n"], diagonal: float, largest: float = np.inf
 ) -> tuple[np.ndarray, float]:
-    """Factorise matrix + diagonal · I, and raise the diagonal until the sum is positive definite."""
+    """Factorise matrix + diagonal · I; raise the diagonal until the sum is positive definite."""
     while diagonal < largest:
         shifted = matrix.copy(order="C")
         shifted.reshape(-1)[:: len(matrix) + 1] += diagonal

@@ -1,4 +1,4 @@
-"""How a surrogate came about, and what every fit asks of its runs."""
+"""The record of a surrogate's fit, and the checks of the runs it is fitted to."""
 
 from __future__ import annotations
 
@@ -18,56 +18,58 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
 FEWEST_RUNS = 10
-"""Fewer finished runs than this are taken for a mistake."""
+"""Minimum number of completed runs."""
 
 OutsideRule = Literal["warn", "refuse", "allow"]
-"""What happens beyond the range of the design."""
+"""Treatment of points outside the range of the design."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How a surrogate came about."""
+    """Record of how a surrogate was fitted."""
 
-    kind: str  # Its settings' class, such as ``"PODKriging"``
-    settings: dict[str, Any]  # Its settings, in a form that JSON can hold
+    kind: str  # class of its settings, such as ``"PODKriging"``
+    settings: dict[str, Any]  # its settings, JSON-compatible
     space: ParameterSpace  # The parameters
-    channels: tuple[str, ...]  # Of the histories
-    excitation: str  # Kind of the records
-    dt: float  # Their time step [s]
-    low: Float[np.ndarray, " parameter"]  # The range of the design
-    high: Float[np.ndarray, " parameter"]  # The range of the design
-    runs: int  # Runs it was fitted to, including those held out; and runs that had failed
-    left_out: int  # Runs it was fitted to, including those held out; and runs that had failed
-    error: float  # Mean relative error estimated while fitting: by leaving runs out, or over the runs held out
-    limit: float  # Largest mean error with which it may be used in a posterior
-    outside: Literal["warn", "refuse", "allow"]  # What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``
-    seconds: float = field(default=float("nan"))  # Wall time of the fit
-    seen: tuple[str, ...] = ()  # A digest of each run it was fitted to. These runs cannot validate it
+    channels: tuple[str, ...]  # channels of the histories
+    excitation: str  # kind of the records
+    dt: float  # time step of the records [s]
+    low: Float[np.ndarray, " parameter"]  # lower end of the design's range
+    high: Float[np.ndarray, " parameter"]  # upper end of the design's range
+    runs: int  # runs used, including those held out
+    left_out: int  # failed runs
+    error: float  # mean relative error estimated during the fit, by leave-one-out or on held-out runs
+    limit: float  # largest mean error accepted in a posterior
+    outside: Literal[
+        "warn", "refuse", "allow"
+    ]  # treatment of points outside the range: ``"warn"``, ``"refuse"``, ``"allow"``
+    seconds: float = field(default=float("nan"))  # wall time of the fit
+    seen: tuple[str, ...] = ()  # digest of each run used; these runs cannot validate the surrogate
     # How far beyond the range of the design it extrapolates, as a share of the range's width; further out it responds
     # as there
     reach: float = 0.0
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest values of the parameters between which it responds by itself: the range and its reach beyond."""
+        """Smallest and largest parameter values at which it is evaluated directly: the range and its reach beyond."""
         margin, support = self.reach * (self.high - self.low), self.space.bounds
         return np.maximum(self.low - margin, support[:, 0]), np.minimum(self.high + margin, support[:, 1])
 
     def to_plain(self) -> dict[str, Any]:
-        """Give it in words and numbers, for a file."""
-        said = {f.name: getattr(self, f.name) for f in fields(self)}
-        return said | {"space": self.space.to_plain(), "low": self.low.tolist(), "high": self.high.tolist()}
+        """Convert to JSON-compatible values."""
+        plain = {f.name: getattr(self, f.name) for f in fields(self)}
+        return plain | {"space": self.space.to_plain(), "low": self.low.tolist(), "high": self.high.tolist()}
 
     @classmethod
     def from_plain(cls, said: Mapping[str, Any]) -> Fit:
-        """Make it again from what `to_plain` gave."""
+        """Rebuild from the result of `to_plain`."""
         arrays = {"low": np.array(said["low"]), "high": np.array(said["high"])}
         tuples = {"channels": tuple(said["channels"]), "seen": tuple(said["seen"])}
         return cls(**{**said, **arrays, **tuples, "space": ParameterSpace.from_plain(said["space"])})
 
 
 def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:
-    """Check runs to fit to, and leave out those that failed."""
+    """Check the runs for a fit, and drop those that failed."""
     if not isinstance(runs, Runs):
         raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     done = runs[runs.done]
@@ -91,7 +93,7 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
 
 
 def checked_weights(where: str, weights: Float[np.ndarray, " run"], runs: Runs) -> Float[np.ndarray, " finished_run"]:
-    """Check how much runs count, and leave out those that failed."""
+    """Check the weights of runs, and drop those of failed ones."""
     weights = np.asarray(weights, dtype=np.float64)
     if weights.shape != (len(runs),) or not (np.isfinite(weights) & (weights > 0.0)).all():
         raise InputError(f"{where}: weights", f"an array of shape {weights.shape}", f"{len(runs)} positive numbers")
@@ -111,7 +113,7 @@ def _known_samples(runs: Runs) -> list[np.ndarray]:
 
 
 def run_digests(runs: Runs) -> tuple[str, ...]:
-    """Tell runs apart by their point and their record."""
+    """Identify runs by point and record."""
     hashes = [r.content_hash for r in runs.records]
     return tuple(
         digest(point, hashes[record])[:16] for point, record in zip(runs.design.values, runs.record_of_run, strict=True)
@@ -119,7 +121,7 @@ def run_digests(runs: Runs) -> tuple[str, ...]:
 
 
 def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
-    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior."""
+    """Range of a design, widened by a hundredth but not beyond the support of the prior."""
     low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
     margin = 0.01 * (high - low)
     support = design.space.bounds
@@ -127,7 +129,7 @@ def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
 
 
 def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
-    """Return the kind and time step that all records share."""
+    """Return the kind and time step shared by all records."""
     kinds, steps = {r.kind for r in records}, {r.dt for r in records}
     if len(kinds) > 1 or max(steps) / min(steps) - 1.0 > 1e-9:
         raise InputError(
@@ -140,12 +142,12 @@ def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
 
 
 class Stopwatch:
-    """Seconds since it was made."""
+    """Measures the seconds since its creation."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
 
     @property
     def seconds(self) -> float:
-        """Seconds so far."""
+        """Elapsed seconds."""
         return time.perf_counter() - self._start

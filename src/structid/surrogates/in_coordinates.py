@@ -24,8 +24,8 @@ class InCoordinates:
     """A regression on the coordinates of a space."""
 
     word: ClassVar[str] = "InCoordinates"
-    space: ParameterSpace  # With its coordinates
-    inner: Any  # On the coordinates, which it takes for uniformly distributed over the range of the runs
+    space: ParameterSpace  # space with coordinates
+    inner: Any  # regression on the coordinates, taken as uniform over the range of the runs
 
     @property
     def leave_one_out_error(self) -> np.ndarray:
@@ -47,8 +47,8 @@ class InCoordinates:
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
         """Predict both; see `Regression.predict_with_deviation`."""
-        found: tuple[Any, Any | None] = self.inner.predict_with_deviation(self.space.in_coordinates(theta))
-        return found
+        prediction: tuple[Any, Any | None] = self.inner.predict_with_deviation(self.space.in_coordinates(theta))
+        return prediction
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the contents for a file; see `Regression.to_plain`."""
@@ -58,20 +58,20 @@ class InCoordinates:
     @property
     def inner_space(self) -> ParameterSpace:
         """Space of the coordinates."""
-        found: ParameterSpace = self.inner.basis.space if isinstance(self.inner, ChaosExpansion) else self.inner.space
-        return found
+        space: ParameterSpace = self.inner.basis.space if isinstance(self.inner, ChaosExpansion) else self.inner.space
+        return space
 
     @classmethod
     def from_plain(
         cls, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> InCoordinates:
-        """Make a regression again from what `to_plain` gave."""
+        """Rebuild a regression from the result of `to_plain`."""
         kind: Any = ChaosExpansion if plain["word"] == ChaosExpansion.word else KrigingPredictor
         return cls(space, kind.from_plain(ParameterSpace.from_plain(plain["space"]), plain["inner"], arrays))
 
 
 def coordinate_design(design: Design) -> Design:
-    """Give the points of a design in the coordinates of its space, which are taken for uniform over the range of the points."""
+    """Convert the points of a design to the coordinates of its space, taken as uniform over their range."""
     space: ParameterSpace = design.space
     if not space.coordinates:
         return design
@@ -87,6 +87,6 @@ def coordinate_design(design: Design) -> Design:
 
 
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
-    """Fit a regression, in the coordinates of its space where it has some."""
+    """Fit a regression, in the coordinates of its space if it has any."""
     points = coordinate_design(design)
     return fit(design) if points is design else InCoordinates(design.space, fit(points))

@@ -8,10 +8,10 @@ import numpy as np
 
 
 def put_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Put the name of a part in front of the names of its arrays."""
+    """Prefix the names of arrays with the name of their part."""
     return {f"{name}/{key}": array for key, array in arrays.items()}
 
 
 def found_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Select the arrays of a part, by their own names; the inverse of `put_under`."""
+    """Select the arrays of a part, without the prefix; the inverse of `put_under`."""
     return {key.removeprefix(f"{name}/"): array for key, array in arrays.items() if key.startswith(f"{name}/")}

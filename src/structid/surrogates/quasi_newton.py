@@ -28,24 +28,24 @@ def quasi_newton(
     Nearly singular correlation matrices make a likelihood noisy, and a line search that requires an exact decrease would not end.
     """
     low, high = np.array(bounds).T
-    place, (value, slope) = start, objective(start)
+    point, (value, slope) = start, objective(start)
     for _ in range(MOST_STEPS):
-        free = ((place > low) | (slope < 0)) & ((place < high) | (slope > 0))
+        free = ((point > low) | (slope < 0)) & ((point < high) | (slope > 0))
         direction = -np.where(free, covariance @ np.where(free, slope, 0.0), 0.0)
         if -0.5 * direction @ slope < SMALLEST_GAIN:
             break
         direction *= min(1.0, LONGEST_STEP / np.abs(direction).max())
         for _ in range(MOST_REDUCTIONS):
-            trial = np.clip(place + direction, low, high)
+            trial = np.clip(point + direction, low, high)
             trial_value, trial_slope = objective(trial)
-            if trial_value < value + 1e-4 * slope @ (trial - place) + 1e-9 * abs(value):
+            if trial_value < value + 1e-4 * slope @ (trial - point) + 1e-9 * abs(value):
                 break
             direction *= 0.3
         else:
             break
-        step, bend = trial - place, trial_slope - slope
+        step, bend = trial - point, trial_slope - slope
         if step @ bend > 1e-8 * np.linalg.norm(step) * np.linalg.norm(bend):
             left = np.eye(len(step)) - np.outer(step, bend) / (step @ bend)
             covariance = left @ covariance @ left.T + np.outer(step, step) / (step @ bend)
-        place, value, slope = trial, trial_value, trial_slope
-    return place, covariance, value
+        point, value, slope = trial, trial_value, trial_slope
+    return point, covariance, value

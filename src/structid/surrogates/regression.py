@@ -1,4 +1,4 @@
-"""Regressions of outputs on parameters: what every fitted one can do, and the check of the data it is fitted to."""
+"""The interface of fitted regressions of outputs on parameters, and the check of their training data."""
 
 from __future__ import annotations
 

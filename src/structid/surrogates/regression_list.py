@@ -1,4 +1,4 @@
-"""Every class of fitted regression there is, by the word that files keep."""
+"""All classes of fitted regressions, by their name in files."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, Krig
 def regression_from_plain(
     word: str, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> Regression:
-    """Make a regression again from what its `to_plain` gave."""
-    found: Regression = REGRESSIONS[word].from_plain(space, plain, arrays)
-    return found
+    """Rebuild a regression from the result of its `to_plain`."""
+    regression: Regression = REGRESSIONS[word].from_plain(space, plain, arrays)
+    return regression

@@ -1,4 +1,4 @@
-"""Surrogates in HDF5 files: arrays and plain words, nothing that runs when it is read."""
+"""Surrogates in HDF5 files: arrays and plain values, nothing that is executed on reading."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ SCHEMA = 2
 """Version of the layout."""
 
 CONTENT = "structid surrogate"
-"""What the file says that it holds."""
+"""Declared content of the file."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StoredSurrogate:
-    """What a file says about a surrogate."""
+    """Contents of a surrogate file."""
 
-    fit: Fit  # How it came about
-    plain: dict[str, Any]  # What JSON can hold of it
+    fit: Fit  # record of the fit
+    plain: dict[str, Any]  # JSON-compatible contents
     arrays: dict[str, np.ndarray]
-    validation: Validation | None  # What its last validation found
+    validation: Validation | None  # result of its last validation
 
 
 def write(
@@ -41,7 +41,7 @@ def write(
     arrays: dict[str, np.ndarray],
     validation: Validation | None,
 ) -> Path:
-    """Write what a surrogate consists of, whole or not at all."""
+    """Write the contents of a surrogate, completely or not at all."""
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(target.name + ".partial")
@@ -61,7 +61,7 @@ def write(
 
 
 def read(path: str | os.PathLike[str]) -> StoredSurrogate:
-    """Read what `write` wrote."""
+    """Read a file written by `write`."""
     where = str(path)
     if not Path(path).is_file():
         raise InputError(where, "no such file", "a file that Surrogate.save wrote")
@@ -76,7 +76,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
                 else "It can be read with structid 0.1. Or fit it again to its runs."
             )
             raise InputError(where, f"a surrogate of layout {layout}", f"layout {SCHEMA}", cure)
-        said = json.loads(file.attrs["fit"])
+        contents = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
         arrays = _read_arrays(file["arrays"])
         sum_of_content = digest(file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays)))
@@ -85,7 +85,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
                 where, "its checksum is wrong: it is damaged", "a file as Surrogate.save wrote it", "Fit it again."
             )
         validation = _read_validation(file["validation"]) if "validation" in file else None
-    return StoredSurrogate(Fit.from_plain(said), plain, arrays, validation)
+    return StoredSurrogate(Fit.from_plain(contents), plain, arrays, validation)
 
 
 def _write_arrays(group: h5py.Group, arrays: dict[str, np.ndarray]) -> None:
@@ -94,14 +94,14 @@ def _write_arrays(group: h5py.Group, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _read_arrays(group: h5py.Group) -> dict[str, np.ndarray]:
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
+            result[name] = item[()]
 
     group.visititems(visit)
-    return found
+    return result
 
 
 def _write_validation(group: h5py.Group, validation: Validation) -> None:
@@ -118,17 +118,17 @@ def _write_validation(group: h5py.Group, validation: Validation) -> None:
 
 
 def _read_validation(group: h5py.Group) -> Validation:
-    said = {name: item[()] for name, item in group.items()}
-    true, predicted = said["histories"]
+    contents = {name: item[()] for name, item in group.items()}
+    true, predicted = contents["histories"]
     return Validation(
-        tuple(c.decode() for c in said["channels"]),
-        said["errors"],
-        said["peaks"],
-        said["predicted_peaks"],
-        float(said["coverage"]),
-        int(said["outside"]),
-        int(said["left_out"]),
-        tuple(int(i) for i in said["shown"]),  # type: ignore[arg-type]
+        tuple(c.decode() for c in contents["channels"]),
+        contents["errors"],
+        contents["peaks"],
+        contents["predicted_peaks"],
+        float(contents["coverage"]),
+        int(contents["outside"]),
+        int(contents["left_out"]),
+        tuple(int(i) for i in contents["shown"]),  # type: ignore[arg-type]
         (true, predicted, float(group.attrs["dt"])),
-        tuple(said["clouds"]),
+        tuple(contents["clouds"]),
     )

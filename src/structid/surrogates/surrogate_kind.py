@@ -1,4 +1,4 @@
-"""What a kind of surrogate says about itself, so that no other code needs to know its name."""
+"""The description of a kind of surrogate, by which no other code needs to know its name."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class SurrogateKind:
 
     @property
     def name(self) -> str:
-        """What a file and a report call it."""
+        """Its name in files and reports."""
         return self.settings.__name__
 
     @property
     def own_records(self) -> bool:
-        """Whether it knows only the records it was fitted to."""
+        """Whether it is restricted to the records it was fitted to."""
         return self.fitted.own_records
 
     def made(self, given: Mapping[str, Any]) -> SurrogateSettings:

@@ -1,4 +1,4 @@
-"""Every kind of surrogate there is. A new kind is a file with its `SurrogateKind` and a line here."""
+"""All kinds of surrogate. A new kind is a file with its `SurrogateKind` and a line here."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS: tuple[SurrogateKind, ...] = (
 )
 
 DEFAULT: SurrogateKind = pod_kriging.KIND
-"""What a calibration uses by default."""
+"""Default surrogate of a calibration."""
 
 
 @check_arguments

@@ -1,4 +1,4 @@
-"""How good a surrogate is: errors over runs it was not fitted to.
+"""Validation of a surrogate: errors over runs it was not fitted to.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BATCH = 250
-"""Runs compared at once."""
+"""Runs compared per batch."""
 
 COVERED = 500
-"""Most runs over which the coverage of the standard deviation is counted: it may cost more than the prediction."""
+"""Largest number of runs for the coverage of the standard deviation, which may cost more than the prediction."""
 
 COVERAGE_FACTOR = 1.96
 """Standard deviations within which 95 % of a normal variable lie."""
@@ -37,17 +37,17 @@ COVERAGE_FACTOR = 1.96
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Outcome of a comparison with independent runs."""
+    """Result of a comparison with independent runs."""
 
     channels: tuple[str, ...]
     # ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite where the surrogate diverged
     errors: Float[np.ndarray, "run channel"]
-    peaks: Float[np.ndarray, "run channel"]  # Largest |y| of the model, in SI
+    peaks: Float[np.ndarray, "run channel"]  # largest |y| of the model, in SI
     predicted_peaks: Float[np.ndarray, "run channel"]  # Largest |ŷ| of the surrogate
-    coverage: float  # Share of samples within 1.96 predicted standard deviations
-    outside: int  # Runs whose parameters lie outside the range the surrogate was fitted to
-    left_out: int  # Runs of the model that had failed
-    shown: tuple[int, int, int]  # The best, the median and the worst run, rows of the runs compared
+    coverage: float  # fraction of samples within 1.96 predicted standard deviations
+    outside: int  # runs with parameters outside the range of the fit
+    left_out: int  # failed runs of the model
+    shown: tuple[int, int, int]  # the best, the median and the worst of the compared runs
     # Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s]
     histories: tuple[np.ndarray, np.ndarray, float]
     # Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel)
@@ -70,7 +70,7 @@ class Validation:
 
     @property
     def q95(self) -> float:
-        """Error that 95 % of the runs stay below."""
+        """Error exceeded by 5 % of the runs."""
         return float(np.quantile(self.overall, 0.95, method="higher"))
 
     @property
@@ -80,7 +80,7 @@ class Validation:
 
     @property
     def diverged(self) -> int:
-        """How many runs diverged."""
+        """Number of runs that diverged."""
         return int(np.count_nonzero(~np.isfinite(self.overall)))
 
     @property
@@ -95,7 +95,7 @@ class Validation:
         return {c: _measures(e) for c, e in zip(self.channels, self.errors.T, strict=True)}
 
     def summary(self) -> dict[str, float]:
-        """Give every figure by name."""
+        """All figures by name."""
         return {
             "runs": len(self.errors),
             "mean": self.mean,
@@ -149,7 +149,7 @@ class Validation:
 
 
 def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [mm] by integration of two velocities, which shows what adds up (the thesis's figure 3.16)."""
+    """Displacements [mm] by integration of two velocities, which shows accumulated errors (the thesis's figure 3.16)."""
     both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
     first, second = both
     return first, second
@@ -176,11 +176,11 @@ def relative_errors(
 
 
 class Validated(Protocol):
-    """What a validation asks of a surrogate."""
+    """What a validation requires of a surrogate."""
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What it responds with."""
+        """Channels of its response."""
 
     def parameters(self, design: Design) -> Float[np.ndarray, "run parameter"]:
         """Bring the columns of a design into the order of its parameters."""
@@ -189,10 +189,10 @@ class Validated(Protocol):
         """Refuse an excitation it cannot respond to."""
 
     def run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> Histories:
-        """Respond, without a warning about points outside its range."""
+        """Respond without a warning about points outside its range."""
 
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Say which points lie outside its range."""
+        """Points outside its range."""
 
     def standard_deviation(
         self,
@@ -204,7 +204,7 @@ class Validated(Protocol):
 
 
 def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None) -> Validation:
-    """Compare a surrogate with runs of the model it stands for, a batch at a time."""
+    """Compare a surrogate with runs of the model it replaces, in batches."""
     if not isinstance(runs, Runs):
         raise InputError("validate", f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     missing = [c for c in surrogate.channels if c not in runs.channels]
@@ -214,39 +214,39 @@ def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None)
     if len(done) == 0:
         raise InputError("validate", "no finished run", "one or more")
     order: list[np.ndarray] = []
-    found: list[_Compared] = []
+    result: list[_Compared] = []
     compared = 0
     every = max(1, len(done) // COVERED)
     for number in np.unique(done.record_of_run):
         rows = np.flatnonzero(done.record_of_run == number)
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            found.append(_compare(surrogate, done[part].on(int(number)), every))
+            result.append(_compare(surrogate, done[part].on(int(number)), every))
             order.append(part)
             compared += len(part)
             if progress is not None:
                 progress(compared, len(done))
     back = np.argsort(np.concatenate(order))
-    errors = np.concatenate([f.errors for f in found])[back]
+    errors = np.concatenate([f.errors for f in result])[back]
     shown = _shown(errors.mean(axis=1))
-    inside = np.concatenate([f.inside for f in found])
+    inside = np.concatenate([f.inside for f in result])
     return Validation(
         surrogate.channels,
         errors,
-        np.concatenate([f.peaks for f in found])[back],
-        np.concatenate([f.predicted_peaks for f in found])[back],
+        np.concatenate([f.peaks for f in result])[back],
+        np.concatenate([f.predicted_peaks for f in result])[back],
         float(inside.mean()) if len(inside) else float("nan"),
         int(np.count_nonzero(surrogate.outside(surrogate.parameters(done.design)))),
         len(runs) - len(done),
         shown,
         _histories(surrogate, done, shown),
-        tuple(np.concatenate([f.cloud[i] for f in found]) for i in (0, 1)),  # type: ignore[arg-type]
+        tuple(np.concatenate([f.cloud[i] for f in result]) for i in (0, 1)),  # type: ignore[arg-type]
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """One batch: errors, peaks, coverage (per run), and a thin cloud of true and predicted samples."""
+    """One batch: errors, peaks, coverage (per run), and a thinned set of true and predicted samples."""
 
     errors: np.ndarray
     peaks: np.ndarray

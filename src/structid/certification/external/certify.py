@@ -1,4 +1,4 @@
-"""Anybody's posterior against the user's own model: draws that another program made, judged by a few true runs."""
+"""Certification of external draws against the user's own model, by a few model runs."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from structid.core.validation import check_arguments, real_array
 from structid.inference.target import Target
 
 Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
-"""Log density of the draws' law, up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
+"""Log density of the draws up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
 
 SEARCH_SHARE = 6
-"""One further run for so many at draws goes where a mode could be that they have missed."""
+"""One further run per this number of runs at draws searches for a missed mode."""
 AT_ONCE = 10
-"""Runs of a round that teaches."""
+"""Runs of a round that trains the correction."""
 
 
 @check_arguments
@@ -120,10 +120,10 @@ def certify(
         if count is not None and count < 0:
             raise InputError(f"certify({word})", f"{count}", "0 or more")
     limits = Limits() if limits is None else limits
-    taken = draws_of(draws, posterior.names, posterior.units)
+    draws_taken = draws_of(draws, posterior.names, posterior.units)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
-    law = _law(posterior, taken, log_density, rng)
+    law = _law(posterior, draws_taken, log_density, rng)
     known = _known(known, posterior.dimension)
     by_chance = MonteCarloError.of(posterior.compared(law.in_order(law.flat)), limits.confidence)
     doubts = (*law.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
@@ -149,37 +149,37 @@ def certify(
     searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
     far = law.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
-    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
-    return replace(found, subject=law.subject, searched=searching, monte_carlo=by_chance)
+    certificate = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
+    return replace(certificate, subject=law.subject, searched=searching, monte_carlo=by_chance)
 
 
 def _judged(
     law: DrawnLaw, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
     limits: Limits, doubts: tuple[str, ...], against: tuple[str, ...], rng: np.random.Generator,
 ) -> Certificate:  # fmt: skip
-    """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
+    """Certify by the weights of the draws; if these do not decide, by the correction, after further training runs."""
     names, before = law.posterior.compared_names, truth.count
     near = _within_reach(law, fresh, others, limits)
-    found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
-    if found.certified or doubts or against or not np.isfinite(fresh.log_true).all():
-        return found
+    certificate = judged(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
+    if certificate.certified or doubts or against or not np.isfinite(fresh.log_true).all():
+        return certificate
     # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
     looks = itertools.count(2 * look + 1)
     for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
         learnt = LearntLaw(law, judges, fresh, others, rng)
         near, correction = learnt.stored(limits), learnt.correction
         again = judged(learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction)
-        if again.certified or again.mean_bound.max() < found.mean_bound.max():
-            found = again
+        if again.certified or again.mean_bound.max() < certificate.mean_bound.max():
+            certificate = again
         if again.certified or count == 0 or correction.beyond(limits):
             break
         theta = learnt.worth_teaching(count)
         others = joined(others, (theta, truth.at(theta)))
-    return replace(found, true_runs=truth.count, taught=truth.count - before)
+    return replace(certificate, true_runs=truth.count, taught=truth.count - before)
 
 
 def _known(known: Points | None, dimension: int) -> Points:
-    """Runs that somebody has made, checked."""
+    """Check runs supplied by the user."""
     if known is None:
         return np.empty((0, dimension)), np.empty(0)
     theta, log_true = (real_array("certify(known)", part) for part in known)
@@ -194,23 +194,24 @@ def _known(known: Points | None, dimension: int) -> Points:
 
 
 def _compare_known(known: Points, truth: Truth) -> None:
-    """Run the model at the best known point: log densities without a constant would teach nonsense."""
+    """Run the model at the best supplied point, since log densities without a constant would mislead."""
     theta, log_true = known
     if not np.isfinite(log_true).any():
         return
     best = int(np.argmax(log_true))
-    found = float(truth.at(theta[best : best + 1])[0])
-    if not abs(found - log_true[best]) <= NOISE:
+    log_density_there = float(truth.at(theta[best : best + 1])[0])
+    if not abs(log_density_there - log_true[best]) <= NOISE:
         raise InputError(
             "certify(known)",
-            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior has {found:.6g}",
+            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior has "
+            f"{log_density_there:.6g}",
             "log π as `posterior.log_density` gives it",
             "A log-likelihood lacks the prior, other programs leave constants out, and a model with noise never answers the same.",
         )
 
 
 def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
-    """Runs near the best, where q is not zero: see `with_what_is_excluded`. Further away it may be as wrong as it likes."""
+    """Runs near the best one, where q is not zero: see `with_what_is_excluded`. Further away, q may be arbitrarily wrong."""
     log_true = np.concatenate([fresh.log_true, others[1]])
     log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
     near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)

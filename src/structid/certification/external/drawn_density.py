@@ -1,4 +1,4 @@
-"""The law that draws of another program are said to come from, and what every such law can do."""
+"""The density q of external draws, and what every such density provides."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from structid.inference.convergence import walkers_in_turn
 from structid.inference.target import Target
 
 PARTS = 4
-"""Into which a single chain is cut, to see how its averages vary."""
+"""Parts of a single chain, for the variation of its averages."""
 MANY = 4000
-"""Draws that stand for a law at most."""
+"""Largest number of draws that represent a density."""
 COVERED = 0.99
-"""Share of a law in the ball where its draws are said to come."""
+"""Probability of the ball that counts as covered by the draws."""
 FAR_FROM_PRIOR = 8.0
-"""Standard deviations of the prior, without bounds, from its median beyond which draws are probably in another unit."""
+"""Distance of the draws' median from the prior's, in prior standard deviations, that suggests another unit."""
 OTHER_SPREAD = 0.7
-"""Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
+"""Ratio of the given log density's spread to that fitted to the draws above which it does not belong to them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Points for true runs."""
+    """Points for model runs."""
 
-    theta: Float[np.ndarray, "point parameter"]  # In SI
+    theta: Float[np.ndarray, "point parameter"]  # in SI
     # Log density of q there; −inf outside its support, where the model may find that there is something
     log_drawn: Float[np.ndarray, " point"]
     # Log density of the wider law there, on the scale of q; −inf if there is none
     log_wide: Float[np.ndarray, " point"]
-    log_mixture: Float[np.ndarray, " point"]  # Likewise, of the mixture g that the points come from
+    log_mixture: Float[np.ndarray, " point"]  # log density, likewise, of the mixture g from which the points come
 
     @property
     def shares(self) -> np.ndarray:
-        """q/g, what each counts in an average over q."""
+        """q/g, the weight of each in an average over q."""
         return np.asarray(np.exp(self.log_drawn - self.log_mixture))
 
     @property
     def inside(self) -> Chosen:
-        """Those in q's support."""
+        """Points in the support of q."""
         return self[np.isfinite(self.log_drawn)]
 
     def __getitem__(self, rows: np.ndarray) -> Chosen:
@@ -53,7 +53,7 @@ class Chosen:
 
 
 class DrawnLaw(ABC):
-    """q, the law that draws are said to come from."""
+    """q, the density of external draws."""
 
     subject = ""
     """What is certified, where it is not the draws."""
@@ -92,11 +92,11 @@ class DrawnLaw(ABC):
         return float(self.at_draws.max())
 
     def distinct(self, count: int, rng: np.random.Generator) -> Int[np.ndarray, " count"]:
-        """Choose some draws by chance, none twice."""
+        """Choose random draws without repetition."""
         return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
 
     def in_order(self, flat: Float[np.ndarray, "_ parameter"]) -> Float[np.ndarray, "chain draw parameter"]:
-        """Put what is known of every draw in the order in which they were drawn."""
+        """Arrange values of all draws in the order in which they were drawn."""
         if self._walkers > 1:
             length = len(flat) // self._walkers
             return flat[: self._walkers * length].reshape(length, self._walkers, -1).swapaxes(0, 1)
@@ -106,11 +106,11 @@ class DrawnLaw(ABC):
 
     @cached_property
     def _walkers(self) -> int:
-        """Of an ensemble whose draws were given step by step as one chain; 1 otherwise."""
+        """Number of walkers of an ensemble whose draws were given step by step as one chain; 1 otherwise."""
         return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
 
     def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """Say that draws are where the prior is next to zero, as those in another unit are."""
+        """Describe draws where the prior is next to zero, as those in another unit are."""
         if not self.posterior.knows_prior:
             return ()
         prior = self.posterior.initial(MANY, rng)
@@ -120,10 +120,13 @@ class DrawnLaw(ABC):
         worst = max(self.posterior.own, key=lambda place: float(distance[place]))
         if distance[worst] <= FAR_FROM_PRIOR:
             return ()
-        ours, expected = float(np.median(self.flat[:, worst])), float(self.bijection(middle[None])[0][0, worst])
+        median_of_draws, expected = (
+            float(np.median(self.flat[:, worst])),
+            float(self.bijection(middle[None])[0][0, worst]),
+        )
         return (
             f"the draws of {self.posterior.names[worst]} lie {distance[worst]:.0f} standard deviations of the prior away from its "
-            f"median, at {ours:.3g} where that is {expected:.3g}: are they in SI (N, m, kg, s)",
+            f"median, at {median_of_draws:.3g} where that is {expected:.3g}: are they in SI (N, m, kg, s)",
         )
 
     @abstractmethod
@@ -132,24 +135,24 @@ class DrawnLaw(ABC):
 
     @abstractmethod
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Choose points for true runs."""
+        """Choose points for model runs."""
 
     @abstractmethod
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Choose points at which other laws are compared with q, without a run of the model."""
+        """Choose points at which other densities are compared with q, without a model run."""
 
     def covers(self, theta: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
-        """Say where points for true runs come."""
+        """Whether points for model runs come near these points."""
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
         return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Say what speaks against q before the model is run."""
+        """Evidence against q before any model run."""
         return ()
 
 
 def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator) -> FittedDensity:
-    """Refuse a log density that does not rise and fall with the density of the draws."""
+    """Refuse a log density that does not vary with the density of the draws."""
     if not np.isfinite(at_draws).all():
         raise InputError(
             "certify(log_density)",
@@ -157,8 +160,11 @@ def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.
             "a finite one at every draw: no law has draws where its density is zero",
         )
     fitted = FittedDensity.of(law.phi, rng)
-    own = of_fitted(fitted, law, law.flat)
-    gap, spread = np.diff(np.quantile(at_draws - own, (0.16, 0.84)))[0], np.diff(np.quantile(own, (0.16, 0.84)))[0]
+    log_fitted = of_fitted(fitted, law, law.flat)
+    gap, spread = (
+        np.diff(np.quantile(at_draws - log_fitted, (0.16, 0.84)))[0],
+        np.diff(np.quantile(log_fitted, (0.16, 0.84)))[0],
+    )
     if not gap <= OTHER_SPREAD * spread:
         raise InputError(
             "certify(log_density)",
@@ -174,7 +180,7 @@ def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.
 def of_fitted(
     fitted: FittedDensity, law: DrawnLaw, theta: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, " point"]:
-    """Log density of a fitted law with respect to the parameters."""
+    """Log density of a fitted density with respect to the parameters."""
     with np.errstate(invalid="ignore", divide="ignore"):
         phi = law.bijection.inverse(theta)
     inside = np.isfinite(phi).all(axis=1)

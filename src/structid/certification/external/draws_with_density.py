@@ -1,4 +1,4 @@
-"""Draws of another program whose density is a function."""
+"""External draws whose density is given as a function."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.inference.target import Target
 
 WIDE_SHARE = 1.0 / 3.0
-"""Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
+"""Fraction of the model runs at draws of a wider density: draws of an approximation that is too narrow rarely reach its tails."""
 WIDENED = 1.4
-"""Times as wide as the draws is that law, about as wide as q^½."""
+"""Width of that density relative to the draws, about that of q^½."""
 AROUND = (WIDENED, 3.0)
-"""Widths of the laws from which points without a run of the model come."""
+"""Widths of the densities from which points without a model run come."""
 SEARCHED = 20_000
-"""Draws of the fitted density among which points beyond the support of q are looked for: q may have been cut off."""
+"""Draws of the fitted density searched for points outside the support of q, which may be truncated."""
 DEEPEST = 100.0
-"""Nats below its highest density from where on q counts as zero."""
+"""Depth below its highest density from which q counts as zero [nat]."""
 
 
 class DensityOfDraws(DrawnLaw):
-    """q is a function, and these are said to be its draws."""
+    """q is a given function."""
 
     width = WIDENED
 
@@ -56,7 +56,7 @@ class DensityOfDraws(DrawnLaw):
         return np.where(np.isnan(values), -np.inf, values)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds of them draws, the others of a wider law; see `DrawnLaw.chosen`."""
+        """Two thirds draws, the others from a wider density; see `DrawnLaw.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
@@ -68,7 +68,7 @@ class DensityOfDraws(DrawnLaw):
         many: Float[np.ndarray, "many parameter"],
         rng: np.random.Generator,
     ) -> Chosen:
-        """Put draws of a wider law beside draws of q, and points beyond q's support."""
+        """Combine draws of q with those of a wider density and points outside the support of q."""
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
         wide = self.fitted.draw(MANY, rng, WIDENED)
@@ -80,7 +80,7 @@ class DensityOfDraws(DrawnLaw):
         return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws, and as many of laws that are wider and much wider; see `DrawnLaw.around`."""
+        """Draws, and as many from wider and much wider densities; see `DrawnLaw.around`."""
         each = count // (1 + len(AROUND))
         plain = self._many[rng.permutation(len(self._many))[:each]]
         others = [self.fitted.draw(each, rng, width) for width in AROUND]
@@ -95,45 +95,45 @@ class DensityOfDraws(DrawnLaw):
         return self.phi
 
     def _log_integral(self, many: np.ndarray, wide: np.ndarray) -> float:
-        """Log ∫q, by draws of q and of the wider law, whose density is normalised."""
-        own = self._in_coordinates(wide)
-        inside = np.isfinite(own)
+        """Log ∫q, by draws of q and of the wider density, which is normalised."""
+        log_q = self._in_coordinates(wide)
+        inside = np.isfinite(log_q)
         some = many[:: max(1, len(many) // MANY)]
-        forward = own[inside] - self.fitted.log_density(wide[inside], WIDENED)
+        forward = log_q[inside] - self.fitted.log_density(wide[inside], WIDENED)
         backward = self._in_coordinates(some) - self.fitted.log_density(some, WIDENED)
         ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t, t within q's support
         return float(ratio + np.log(inside.mean()))
 
     def _of_mixture(self, phi: np.ndarray, counts: list[int], widths: list[float], log_integral: float) -> Chosen:
-        """Points of a mixture of so many draws of q and of laws of other widths, with all log densities on the scale of q."""
+        """Points of a mixture of draws of q and of densities of other widths, with all log densities on the scale of q."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             phi = phi[np.isfinite(self.bijection.inverse(self.bijection(phi)[0])).all(axis=1)]  # so far away is a bound
         theta, jacobian = self.bijection(phi)
-        own = self._in_coordinates(phi)
+        log_q = self._in_coordinates(phi)
         wider = [self.fitted.log_density(phi, width) + log_integral for width in widths]
-        parts = [np.log(count) + log for count, log in zip(counts, [own, *wider], strict=True) if count]
+        parts = [np.log(count) + log for count, log in zip(counts, [log_q, *wider], strict=True) if count]
         mixture = np.logaddexp.reduce(parts) - np.log(sum(counts))
-        return Chosen(theta, own - jacobian, wider[0] - jacobian, mixture - jacobian)
+        return Chosen(theta, log_q - jacobian, wider[0] - jacobian, mixture - jacobian)
 
     def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of the density fitted to the draws that lie beyond q's support: near where it cuts through them."""
+        """Draws of the fitted density outside the support of q, near where it truncates the draws."""
         drawn = self.fitted.draw(SEARCHED, rng)
         return np.asarray(drawn[~np.isfinite(self._in_coordinates(drawn))][:count])
 
     def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
-        """Log density with respect to φ; −inf where it is next to nothing: e^800 is no number."""
+        """Log density with respect to φ; −inf where it is negligible, since e^800 overflows."""
         theta, jacobian = self.bijection(phi)
         density = self.log_density(theta)
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Explore q a second time; see `DrawnLaw.doubts`."""
-        found = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
-        return tuple(f"these are not draws of the given density: {said}" for said in found.failures)
+        """Sample q with a second sampler; see `DrawnLaw.doubts`."""
+        comparison = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
+        return tuple(f"these are not draws of the given density: {failure}" for failure in comparison.failures)
 
 
 class _Explored(Target):
-    """q as a target for a sampler, in the coordinates and with the prior of the true posterior."""
+    """q as a target of a sampler, in the coordinates and with the prior of the true posterior."""
 
     def __init__(self, law: DensityOfDraws) -> None:
         self.law, self.names, self.bijection = law, law.posterior.names, law.bijection

@@ -1,4 +1,4 @@
-"""Draws of another program whose density is known at the draws only, or not at all."""
+"""External draws whose density is known at the draws only, or not at all."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from structid.core.streams import Purpose, stream
 from structid.inference.target import Target
 
 FITTED_DRAWS = 20_000
-"""Draws of a fitted density that stand for it."""
+"""Draws of a fitted density that represent it."""
 MOMENTS = 0.1
-"""Error of a mean in standard deviations, or of a standard deviation, from which on a fitted density is not that of the draws."""
+"""Error of a mean in standard deviations, or relative error of a standard deviation, above which a fitted density is rejected."""
 
 
 class ValuesAtDraws(DrawnLaw):
@@ -41,9 +41,9 @@ class ValuesAtDraws(DrawnLaw):
         self.fitted = refuse_another(self, flat, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density of what was fitted to the draws, for want of q; see `DrawnLaw.log_density`."""
-        own = of_fitted(self.fitted, self, self.flat)
-        return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - own))
+        """Log density of a density fitted to the draws; see `DrawnLaw.log_density`."""
+        log_fitted = of_fitted(self.fitted, self, self.flat)
+        return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - log_fitted))
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
         """Draws alone; see `DrawnLaw.chosen`."""
@@ -55,12 +55,12 @@ class ValuesAtDraws(DrawnLaw):
         return self.chosen(count, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`."""
+        """Check by Stein's identity that the draws have the given density; see `DrawnLaw.doubts`."""
         return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
 
 
 class FittedToDraws(DensityOfDraws):
-    """No density is known: q is one that is fitted to the draws."""
+    """No density is known: q is fitted to the draws."""
 
     subject = "of a density that was fitted to the draws"
     enough = 60

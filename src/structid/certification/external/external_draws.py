@@ -1,4 +1,4 @@
-"""Draws that another program made, in whichever form they come: arrays, tables, ArviZ."""
+"""Draws of another program in any form: arrays, tables, ArviZ."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ WHERE = "certify(draws)"
 CHAIN_AND_DRAW = ("chain", "draw")
 
 FEWEST, FEWEST_FOR_EACH = 100, 20
-"""Draws of an approximation, and for each of its parameters, with which its moments are known well enough."""
+"""Minimum number of draws, and per parameter, for sufficiently known moments."""
 
 ACROSS = 0.1
-"""Correlation of neighbouring chains, beyond three errors of chance, above which they are steps of an ensemble, if successive draws
-correlate less."""
+"""Correlation of neighbouring chains, beyond three standard errors, above which they are steps of an ensemble, if successive
+draws correlate less."""
 
 
 def draws_of(
     draws: Draws, names: tuple[str, ...], units: Mapping[str, str] | None = None
 ) -> Float[np.ndarray, "chain draw parameter"]:
-    """Take draws of some parameters from whatever holds them.
+    """Extract draws of the parameters from any container.
 
-    Columns that have names are taken by name, others by position. Columns of other names, text included, are left out.
+    Named columns are taken by name, others by position. Other columns, text included, are ignored.
     """
     if isinstance(draws, SamplingResult):
-        found = _by_name({n: draws.draws[:, :, i] for i, n in enumerate(draws.names)}, names)
+        draws_by_name = _by_name({n: draws.draws[:, :, i] for i, n in enumerate(draws.names)}, names)
     elif isinstance(draws, (str, os.PathLike)):
-        found = _of_file(Path(draws), names, units or {})
+        draws_by_name = _of_file(Path(draws), names, units or {})
     elif hasattr(draws, "posterior"):  # InferenceData, DataTree
-        found = _of_dataset(draws.posterior, names, units or {})
+        draws_by_name = _of_dataset(draws.posterior, names, units or {})
     elif hasattr(draws, "data_vars"):  # xarray.Dataset
-        found = _of_dataset(draws, names, units or {})
+        draws_by_name = _of_dataset(draws, names, units or {})
     elif hasattr(draws, "columns") and hasattr(draws, "to_numpy"):  # DataFrame of pandas or polars
-        found = _of_table(draws, names)
+        draws_by_name = _of_table(draws, names)
     elif isinstance(draws, np.ndarray) and draws.dtype.names:
-        found = _by_name({name: draws[name] for name in draws.dtype.names}, names)
+        draws_by_name = _by_name({name: draws[name] for name in draws.dtype.names}, names)
     elif isinstance(draws, Mapping):
-        found = _by_name({str(name): values for name, values in draws.items()}, names)
+        draws_by_name = _by_name({str(name): values for name, values in draws.items()}, names)
     else:
-        found = _columns(real_array(WHERE, draws, "draws, as an array of numbers"), names)
-    return _checked(found, names)
+        draws_by_name = _columns(real_array(WHERE, draws, "draws, as an array of numbers"), names)
+    return _checked(draws_by_name, names)
 
 
 def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarray | None:
-    """Give the log density that comes with draws."""
+    """Return the log density stored with the draws."""
     if isinstance(draws, SamplingResult):
         return draws.target.log_density
     if not isinstance(draws, (str, os.PathLike)) or Path(draws).suffix.lower() != ".nc":
@@ -67,15 +67,15 @@ def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarra
 
     try:
         with xarray.open_dataset(draws, group="sample_stats") as statistics:
-            own = "lp" if statistics.attrs.get("inference_library") == "structid" else ""
-            known = next((name for name in ("log_density", own) if name in statistics), None)
-            return None if known is None else np.asarray(statistics[known].transpose("chain", "draw").values)
+            own_name = "lp" if statistics.attrs.get("inference_library") == "structid" else ""
+            available = next((name for name in ("log_density", own_name) if name in statistics), None)
+            return None if available is None else np.asarray(statistics[available].transpose("chain", "draw").values)
     except (OSError, KeyError, ValueError):
         return None  # no such group; what is wrong with the file, `draws_of` says
 
 
 def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
-    """Draws of the group `posterior` of a netCDF file, or of a table with heads, (chain, draw, parameter)."""
+    """Draws of the group `posterior` of a netCDF file, or of a table with titles, (chain, draw, parameter)."""
     if not path.is_file():
         raise InputError(WHERE, f"no file {path}", "a netCDF file with the group 'posterior', or a CSV with heads")
     if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat"):
@@ -95,7 +95,7 @@ def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np
 
 
 def _text_table(path: Path) -> Any:
-    """Read a CSV with heads as a DataFrame: commas, semicolons, tabs or spaces between columns, comments after #."""
+    """Read a CSV with titles as a DataFrame: commas, semicolons, tabs or spaces between columns, comments after #."""
     import pandas
 
     lines = [line for line in lines_of(path) if line.strip() and not line.lstrip().startswith("#")]
@@ -113,7 +113,7 @@ def _text_table(path: Path) -> Any:
 
 
 def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
-    """Refuse a table without heads, and name the first cell of a parameter that is no number."""
+    """Refuse a table without titles, and name the first cell of a parameter that is not a number."""
     import pandas
 
     heads = [str(name).strip() for name in table.columns]
@@ -128,7 +128,7 @@ def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
 
 
 def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Draws of a DataFrame; those of several chains are told apart by columns, or by an index, called chain and draw."""
+    """Draws of a DataFrame; chains are identified by columns, or by an index, called chain and draw."""
     if hasattr(table, "reset_index") and set(CHAIN_AND_DRAW) <= set(getattr(table.index, "names", ())):
         table = table.reset_index(allow_duplicates=True)
     columns = {str(name).strip(): table[name] for name in dict.fromkeys(table.columns)}
@@ -140,16 +140,16 @@ def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:
         return np.asarray(flat[None])
     chain = np.asarray(columns["chain"].to_numpy())
     rows = [np.flatnonzero(chain == label) for label in dict.fromkeys(chain.tolist())]
-    if len({len(own) for own in rows}) > 1:
+    if len({len(row) for row in rows}) > 1:
         return np.asarray(flat[None])
     if "draw" in columns and "draw" not in names:
         draw = np.asarray(columns["draw"].to_numpy())
-        rows = [own[np.argsort(draw[own], kind="stable")] for own in rows]
-    return np.stack([flat[own] for own in rows])
+        rows = [row[np.argsort(draw[row], kind="stable")] for row in rows]
+    return np.stack([flat[row] for row in rows])
 
 
 def _of_dataset(dataset: Any, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
-    """Draws of an xarray.Dataset; variables with further dimensions are named as ArviZ names them, b[0], b[1]."""
+    """Draws of an xarray.Dataset; variables with further dimensions are named as in ArviZ, b[0], b[1]."""
     if "sample" in dataset.dims:
         # As az.extract gives them: chain and draw in one dimension, with an index of the two where all draws are there.
         index = dataset.indexes.get("sample")
@@ -159,32 +159,32 @@ def _of_dataset(dataset: Any, names: tuple[str, ...], units: Mapping[str, str]) 
         else:
             dataset = dataset.drop_vars(("sample", *CHAIN_AND_DRAW), errors="ignore")
             dataset = dataset.rename(sample="draw").expand_dims("chain")
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for name, variable in dataset.data_vars.items():
         missing = [dimension for dimension in CHAIN_AND_DRAW if dimension not in variable.dims]
         if missing:
             continue
         ordered = variable.transpose(*CHAIN_AND_DRAW, ...)
         places = list(np.ndindex(ordered.shape[2:]))
-        for place in places:
-            own = str(name) if ordered.ndim == 2 else f"{name}[{', '.join(map(str, place))}]"
-            if own in names:
-                values = real_array(f"{WHERE}: {own}", ordered.values[(slice(None), slice(None), *place)])
-                found[own] = values * _factor(own, variable.attrs, units)
+        for position in places:
+            column_name = str(name) if ordered.ndim == 2 else f"{name}[{', '.join(map(str, position))}]"
+            if column_name in names:
+                values = real_array(f"{WHERE}: {column_name}", ordered.values[(slice(None), slice(None), *position)])
+                columns[column_name] = values * _factor(column_name, variable.attrs, units)
             else:
-                found[own] = None
-    return _by_name(found, names)
+                columns[column_name] = None
+    return _by_name(columns, names)
 
 
 def _factor(name: str, attributes: Mapping[str, Any], units: Mapping[str, str]) -> float:
-    """SI value of one unit of a variable, which says it in ``unit``, or in ``units`` as the CF conventions have it."""
-    said = {key: str(attributes[key]) for key in ("unit", "units") if str(attributes.get(key, "")).strip()}
+    """SI value of one unit of a variable, from its attribute ``unit``, or ``units`` as in the CF conventions."""
+    declared = {key: str(attributes[key]) for key in ("unit", "units") if str(attributes.get(key, "")).strip()}
     where = f"{WHERE}: {name}"
     factors = {
-        key: factor_of(unit, units[name], where) if units.get(name) else factor(unit) for key, unit in said.items()
+        key: factor_of(unit, units[name], where) if units.get(name) else factor(unit) for key, unit in declared.items()
     }
     if len(set(factors.values())) > 1:
-        came = " and ".join(f"{key} = '{unit}'" for key, unit in said.items())
+        came = " and ".join(f"{key} = '{unit}'" for key, unit in declared.items())
         raise InputError(where, came, "one unit", "Remove the attribute that is wrong.")
     return next(iter(factors.values()), 1.0)
 
@@ -199,15 +199,15 @@ def _by_name(columns: Mapping[str, Any], names: tuple[str, ...]) -> np.ndarray:
             f"draws of all parameters of the posterior, by the same names: {', '.join(names)}",
             f"There are none of {', '.join(missing)}. Parameters of the errors, such as sigma2, are parameters, too.",
         )
-    taken = [np.atleast_2d(real_array(f"{WHERE}: {name}", columns[name], "numbers")) for name in names]
-    if len({values.shape for values in taken}) > 1:
-        shapes = ", ".join(f"{name} {values.shape}" for name, values in zip(names, taken, strict=True))
+    columns_taken = [np.atleast_2d(real_array(f"{WHERE}: {name}", columns[name], "numbers")) for name in names]
+    if len({values.shape for values in columns_taken}) > 1:
+        shapes = ", ".join(f"{name} {values.shape}" for name, values in zip(names, columns_taken, strict=True))
         raise InputError(WHERE, f"columns of different shapes: {shapes}", "one shape: (draw,) or (chain, draw)")
-    return np.stack(taken, axis=-1)
+    return np.stack(columns_taken, axis=-1)
 
 
 def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """An array (draw, parameter) or (chain, draw, parameter)."""
+    """Validate an array (draw, parameter) or (chain, draw, parameter)."""
     if array.ndim not in (2, 3) or array.shape[-1] != len(names):
         raise InputError(
             WHERE,
@@ -229,7 +229,7 @@ def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
 
 
 def _correlation_of_neighbours(array: np.ndarray, axis: int) -> float:
-    """Correlation of what follows one another along an axis of (chain, draw, parameter), averaged over the parameters."""
+    """Correlation of neighbours along an axis of (chain, draw, parameter), averaged over the parameters."""
     x = np.moveaxis(array - array.mean(axis=(0, 1)), axis, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.mean(x[1:] * x[:-1], axis=(0, 1)) / np.mean(x**2, axis=(0, 1)) if len(x) > 1 else np.zeros(1)
@@ -237,7 +237,7 @@ def _correlation_of_neighbours(array: np.ndarray, axis: int) -> float:
 
 
 def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Refuse what no posterior can be judged by."""
+    """Refuse draws that cannot be assessed."""
     count, fewest = draws.shape[0] * draws.shape[1], max(FEWEST, FEWEST_FOR_EACH * len(names))
     if count < fewest:
         raise InputError(

@@ -1,4 +1,4 @@
-"""A density fitted to draws of which none is known: marginals are made normal, rotated, made normal again, and so on.
+"""A density fitted to draws: marginals are mapped to normal ones, rotated, mapped again, and so on.
 
 S. S. Chen & R. A. Gopinath (2000), Gaussianization, Advances in Neural Information Processing Systems 13. In every layer each
 coordinate is mapped by the sinh-arcsinh transformation of M. C. Jones & A. Pewsey (2009), doi 10.1093/biomet/asp053, whose four
@@ -15,39 +15,39 @@ import scipy
 from jaxtyping import Float
 
 MOST_LAYERS = 12
-"""After the first the marginals are normal; each further one finds dependence between them that is not linear."""
+"""Largest number of layers. The first makes the marginals normal; each further one captures nonlinear dependence."""
 HELD_OUT = 0.2
-"""Share of the draws by which the number of layers is chosen: every layer follows the chance of its draws, too."""
+"""Fraction of the draws by which the number of layers is chosen, since every layer also fits noise."""
 LARGEST_ANGLE = 300.0
-"""Largest argument of sinh and cosh, far beyond any draw's: squares of larger ones overflow."""
+"""Largest argument of sinh and cosh, far beyond any draw; squares of larger ones overflow."""
 LARGEST_LOG = 3.0
-"""Largest logarithm of a width or of a weight of tails."""
+"""Largest logarithm of a width or of a tail weight."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
     """z = sinh(δ asinh((R y − ξ)/λ) − ε), y the whitened or rotated coordinates."""
 
-    centre: Float[np.ndarray, " parameter"]  # Taken away first
+    centre: Float[np.ndarray, " parameter"]  # subtracted first
     rotation: Float[np.ndarray, "parameter parameter"]  # R; of any determinant
     shape: Float[np.ndarray, "4 parameter"]  # ξ, log λ, ε, log δ
 
     def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates after the layer, and the log determinant of its derivative."""
+        """Coordinates after the layer, and the log determinant of its Jacobian."""
         z, slope = _sinh_arcsinh((x - self.centre) @ self.rotation.T, self.shape)
         return z, slope.sum(axis=1) + np.linalg.slogdet(self.rotation)[1]
 
     def backward(self, z: np.ndarray) -> np.ndarray:
         """Coordinates before the layer."""
-        place, log_width, skew, log_tail = self.shape
-        y = place + np.exp(log_width) * np.sinh((np.arcsinh(z) + skew) / np.exp(log_tail))
+        location, log_width, skew, log_tail = self.shape
+        y = location + np.exp(log_width) * np.sinh((np.arcsinh(z) + skew) / np.exp(log_tail))
         return np.asarray(np.linalg.solve(self.rotation, y.T).T + self.centre)
 
 
 def _sinh_arcsinh(y: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Give z and log dz/dy."""
-    place, log_width, skew, log_tail = shape
-    standard = (y - place) / np.exp(log_width)
+    """Compute z and log dz/dy."""
+    location, log_width, skew, log_tail = shape
+    standard = (y - location) / np.exp(log_width)
     angle = np.exp(log_tail) * np.arcsinh(standard) - skew
     # dz/dy = cosh(angle) δ / (λ √(1 + s²)); log cosh a = |a| + log(1 + e^(−2|a|)) − log 2
     log_cosh = np.abs(angle) + np.log1p(np.exp(-2.0 * np.abs(angle))) - np.log(2.0)
@@ -55,12 +55,12 @@ def _sinh_arcsinh(y: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _unlikely(shape: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Mean of ½ z² − log dz/dy over some values, and its gradient by ξ, log λ, ε and log δ.
+    """Mean of ½ z² − log dz/dy over values, and its gradient with respect to ξ, log λ, ε and log δ.
 
     With s = (y − ξ)/λ and a = δ asinh s − ε, it is ½ sinh² a − log cosh a − log δ + log λ + ½ log(1 + s²).
     """
-    place, log_width, skew, log_tail = shape
-    standard = (y - place) / np.exp(log_width)
+    location, log_width, skew, log_tail = shape
+    standard = (y - location) / np.exp(log_width)
     square = 1.0 + standard**2
     stretched = np.exp(log_tail) * np.arcsinh(standard)
     angle = np.clip(stretched - skew, -LARGEST_ANGLE, LARGEST_ANGLE)
@@ -78,20 +78,20 @@ def _unlikely(shape: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _most_likely(y: np.ndarray) -> np.ndarray:
-    """ξ, log λ, ε, log δ of one coordinate."""
+    """ξ, log λ, ε, log δ of one coordinate by maximum likelihood."""
     begin = np.array([y.mean(), np.log(y.std()), 0.0, 0.0])
     bounds = [(None, None), (begin[1] - LARGEST_LOG, begin[1] + LARGEST_LOG), (-LARGEST_LOG, LARGEST_LOG), (-1.0, 1.0)]
-    found = scipy.optimize.minimize(_unlikely, begin, args=(y,), jac=True, method="L-BFGS-B", bounds=bounds)
-    return np.asarray(found.x)
+    optimum = scipy.optimize.minimize(_unlikely, begin, args=(y,), jac=True, method="L-BFGS-B", bounds=bounds)
+    return np.asarray(optimum.x)
 
 
 def _rotation(dimension: int, rng: np.random.Generator) -> np.ndarray:
-    """A rotation by chance."""
+    """A random rotation."""
     return np.asarray(scipy.stats.ortho_group.rvs(dimension, random_state=rng)) if dimension > 1 else np.eye(1)
 
 
 def _layers(x: np.ndarray, rotations: list[np.ndarray]) -> tuple[_Layer, ...]:
-    """A layer that whitens, and one for each rotation, fitted one after another."""
+    """A whitening layer, and one for each rotation, fitted one after another."""
     layers: list[_Layer] = []
     for rotation in (np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(x.T)))), *rotations):
         centre = x.mean(axis=0)
@@ -103,9 +103,9 @@ def _layers(x: np.ndarray, rotations: list[np.ndarray]) -> tuple[_Layer, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FittedDensity:
-    """A density that was fitted to draws."""
+    """A density fitted to draws."""
 
-    layers: tuple[_Layer, ...]  # From the draws to standard normal coordinates
+    layers: tuple[_Layer, ...]  # maps from the draws to standard normal coordinates
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "draw parameter"], rng: np.random.Generator) -> FittedDensity:
@@ -119,7 +119,7 @@ class FittedDensity:
         return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
 
     def in_normal_coordinates(self, x: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map points to where the density is standard normal."""
+        """Map points to coordinates in which the density is standard normal."""
         total = np.zeros(len(x))
         for layer in self.layers:
             x, slope = layer.forward(x)
@@ -127,7 +127,7 @@ class FittedDensity:
         return x, total
 
     def of_normal_coordinates(self, z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point parameter"]:
-        """Map points back from there."""
+        """Map points back from normal coordinates."""
         for layer in reversed(self.layers):
             z = layer.backward(z)
         return z
@@ -139,8 +139,8 @@ class FittedDensity:
         return np.asarray(slope + normal)
 
     def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Float[np.ndarray, "count parameter"]:
-        """Draw from it, or from a wider law that goes on where the draws end.
+        """Draw from it, or from a wider density that continues beyond the draws.
 
-        In the normal coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.
+        In the normal coordinates a bent ridge is straight, so that draws beyond its ends still lie on it.
         """
         return self.of_normal_coordinates(width * rng.standard_normal((count, len(self.layers[0].centre))))

@@ -1,10 +1,10 @@
-"""A search for what draws have missed: runs where a mode could be that the drawn law does not have.
+"""Search for modes that external draws have missed, by model runs.
 
-Draws say nothing of where they are not. A Kriging of the log density, at all runs that are known, says where it could be high.
-It is unsure where nobody has been; but runs at draws alone, all close to one another, make it sure of everything: their trend goes
-on for ever. So where there are no others, the search begins at any draws of the prior that lie beyond. Then the model is run at
-those that are most likely to have a density that matters. If one of them has, it outranks the draws, and no certificate is given.
-What is not found may still be there.
+Draws carry no information about places without draws. A Kriging of the log density, at all known runs, predicts where it could be
+high. It is uncertain far from runs; but runs at draws alone, all close together, make it certain everywhere, because their trend
+is extrapolated. Without other runs, the search therefore begins at draws of the prior. The model is then run at the points most
+likely to have a relevant density. If one of them has, it exceeds the draws, and no certificate is issued. A mode may still be
+missed.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from structid.certification.limits import Limits
 SCOUTS = 4000
 """Draws of the prior among which a run is chosen."""
 AT_ONCE = 3
-"""Runs of a round: each tells much of where the next one should be."""
+"""Runs per round, since each informs the choice of the next."""
 APART = 0.3
 """Smallest distance between two of them, in standard deviations of the prior."""
 NEAR = 3.0
-"""Times `Limits.reach` below the best run within which a run has come near to something: the search goes on there."""
+"""Multiple of `Limits.reach` below the best run within which the search continues around a run."""
 HOPELESS = -10.0
-"""Standard deviations of the Kriging below what would matter at which the search ends."""
+"""Standard deviations of the Kriging below a relevant density at which the search ends."""
 
 
 def searched(
@@ -40,7 +40,7 @@ def searched(
     limits: Limits,
     rng: np.random.Generator,
 ) -> Points:
-    """Run the model where a mode could be that q does not have."""
+    """Run the model where q may have missed a mode."""
     scouts = law.posterior.initial(SCOUTS, rng)
     scouts = scouts[np.isfinite(scouts).all(axis=1)]
     chart = standardised_by(scouts)
@@ -50,10 +50,10 @@ def searched(
     # What the draws do not visit; in their tails, fresh draws of a wider law see for themselves.
     best = max(at_draws[1].max(), known[1].max(initial=-np.inf))
     free = (of_draws < best - limits.reach) & ~law.covers(theta)
-    made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
+    new_runs: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
     most = count
-    while len(made[0]) < most and free.any():
-        others = joined(known, made)
+    while len(new_runs[0]) < most and free.any():
+        others = joined(known, new_runs)
         points, log_true = joined(at_draws, others)
         matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
         if np.count_nonzero(~law.covers(others[0])) < AT_ONCE:
@@ -61,17 +61,17 @@ def searched(
         else:
             mean, deviation = _kriged(law, chart, (points, log_true)).at(scouts)
             chance = (mean - jacobian - matters) / np.maximum(deviation, 1e-9)
-        places = _apart(np.where(free, chance, -np.inf), z, min(AT_ONCE, most - len(made[0])))
+        places = _apart(np.where(free, chance, -np.inf), z, min(AT_ONCE, most - len(new_runs[0])))
         if not len(places):
             break
-        found = run(theta[places])
-        made = joined(made, (theta[places], found))
+        result = run(theta[places])
+        new_runs = joined(new_runs, (theta[places], result))
         free[places] = False
-        if (found >= matters[places]).any():
+        if (result >= matters[places]).any():
             break
-        if (found >= best - NEAR * limits.reach).any():
+        if (result >= best - NEAR * limits.reach).any():
             most = 2 * count
-    return made
+    return new_runs
 
 
 def _kriged(law: DrawnLaw, chart: Chart, known: Points) -> KrigedDensity:
@@ -85,11 +85,11 @@ def _kriged(law: DrawnLaw, chart: Chart, known: Points) -> KrigedDensity:
 
 
 def _apart(chance: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
-    """The most promising points, no two of them close to one another."""
+    """The most promising points, with a minimum distance."""
     places: list[int] = []
-    for place in np.argsort(-chance):
-        if len(places) == count or chance[place] < HOPELESS:
+    for index in np.argsort(-chance):
+        if len(places) == count or chance[index] < HOPELESS:
             break
-        if all(np.linalg.norm(z[place] - z[other]) > APART for other in places):
-            places.append(int(place))
+        if all(np.linalg.norm(z[index] - z[other]) > APART for other in places):
+            places.append(int(index))
     return np.array(places, dtype=int)

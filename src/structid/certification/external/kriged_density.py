@@ -1,4 +1,4 @@
-"""Kriging of a log density that is known at some true runs: what it is between them."""
+"""Kriging of a log density between model runs."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from structid.surrogates.kriging.universal_kriging import Kriging
 Correlation = Literal["gaussian", "matern52"]
 CORRELATIONS: tuple[Correlation, ...] = ("gaussian", "matern52")
 NUGGET = 1e-8
-"""Variance of noise relative to that of the process: keeps the correlations of runs close to one another regular."""
+"""Noise variance relative to the process variance; keeps correlations of close runs regular."""
 RUNS_FOR_EACH = 2
-"""Runs for each term of a trend from which on it is tried."""
+"""Runs per term of a trend from which it is tried."""
 
 Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From φ, (point, parameter), to coordinates in which the log density is smooth, and a first guess of it, (point,)."""
+"""Map from φ, (point, parameter), to coordinates in which the log density is smooth, with a first guess of it, (point,)."""
 
 
 def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Give the chart in which some points have mean zero and unit covariance; its first guess is zero."""
+    """Chart in which some points have mean zero and unit covariance; its first guess is zero."""
     centre, root = points.mean(axis=0), np.linalg.cholesky(np.atleast_2d(np.cov(points.T)))
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
 
 
 def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Give the chart of the parameters themselves: near a bound, φ goes far where hardly anything changes."""
+    """Chart of the parameters themselves: near a bound, φ diverges where hardly anything changes."""
     standardised = standardised_by(theta)
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +50,7 @@ def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point paramete
 
 
 def normal_by(fitted: FittedDensity) -> Chart:
-    """Give the chart in which a fitted density is standard normal; its first guess is that density."""
+    """Chart in which a fitted density is standard normal; its first guess is that density."""
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         z, slope = fitted.in_normal_coordinates(phi)
@@ -61,13 +61,13 @@ def normal_by(fitted: FittedDensity) -> Chart:
 
 @dataclass(frozen=True, eq=False)
 class KrigedDensity:
-    """A log density with respect to φ, between points where it is known."""
+    """A log density with respect to φ, interpolated between known points."""
 
-    chart: Chart  # See `Chart`
-    correlation: Correlation  # Of the Kriging
-    phi: Float[np.ndarray, "run parameter"]  # Where it is known
-    values: Float[np.ndarray, " run"]  # What it is there
-    kriging: KrigingPredictor  # Of the difference from the chart's first guess
+    chart: Chart  # see `Chart`
+    correlation: Correlation  # correlation of the Kriging
+    phi: Float[np.ndarray, "run parameter"]  # known points
+    values: Float[np.ndarray, " run"]  # log densities there
+    kriging: KrigingPredictor  # Kriging of the difference from the chart's first guess
 
     @classmethod
     def fitted(
@@ -78,9 +78,9 @@ class KrigedDensity:
         values: np.ndarray,
         start: KrigingPredictor | None = None,
     ) -> KrigedDensity:
-        """Fit one."""
+        """Fit an interpolation."""
         z, guess = chart(phi)
-        edges = {f"z{place}": Uniform(column.min() - 1.0, column.max() + 1.0) for place, column in enumerate(z.T)}
+        edges = {f"z{index}": Uniform(column.min() - 1.0, column.max() + 1.0) for index, column in enumerate(z.T)}
         space = ParameterSpace(None, None, None, **edges)
         settings = Kriging(_trend(*z.shape), correlation, separable=False, nugget=NUGGET)
         return cls(chart, correlation, phi, values, settings.fit(Design(z, space), values - guess, start=start))
@@ -93,9 +93,9 @@ class KrigedDensity:
         values: np.ndarray,
         counts: Float[np.ndarray, " run"],
     ) -> KrigedDensity:
-        """Fit that form whose leave-one-out errors vary least."""
-        found = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
-        return min(found, key=lambda one: one.error(counts))
+        """Fit the form with the smallest spread of leave-one-out errors."""
+        candidates = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
+        return min(candidates, key=lambda one: one.error(counts))
 
     def error(self, counts: Float[np.ndarray, " run"]) -> float:
         """Weighted standard deviation of the leave-one-out errors."""
@@ -103,14 +103,14 @@ class KrigedDensity:
         return float(np.sqrt(shares @ (residuals - shares @ residuals) ** 2))
 
     def without(self, left_out: np.ndarray) -> KrigedDensity:
-        """Fit the same form to all runs but some."""
+        """Fit the same form without some runs."""
         kept = np.setdiff1d(np.arange(len(self.phi)), left_out)
         return self.fitted(self.chart, self.correlation, self.phi[kept], self.values[kept], self.kriging)
 
     def believing(
         self, phi: Float[np.ndarray, "point parameter"], values: Float[np.ndarray, " point"]
     ) -> KrigedDensity:
-        """Add what is predicted at further points, so that it is sure there."""
+        """Add predicted values at further points, so that the Kriging is certain there."""
         return self.fitted(
             self.chart,
             self.correlation,
@@ -120,14 +120,14 @@ class KrigedDensity:
         )
 
     def at(self, phi: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Predict it."""
+        """Predict the log density."""
         z, guess = self.chart(phi)
         mean, deviation = self.kriging.predict(z, return_std=True)
         return guess + mean[:, 0], deviation[:, 0]
 
 
 def _trend(runs: int, dimension: int) -> Literal["constant", "linear", "quadratic"]:
-    """The highest trend for which there are runs enough."""
+    """The highest trend with enough runs."""
     if runs >= RUNS_FOR_EACH * (dimension + 1) * (dimension + 2) // 2:
         return "quadratic"
     return "linear" if runs >= RUNS_FOR_EACH * (dimension + 1) else "constant"

@@ -1,8 +1,8 @@
-"""What true runs teach of a law that another program drew: a law q′ between it and the true posterior.
+"""A density q′ between external draws and the true posterior, learnt from model runs.
 
 The weights π/q vary where q is wrong, whether that matters or not. A Kriging of log π, at the runs of the certificate and at
-those that somebody knows, gives a law q′ that is nearer. Its moments, less those of q, are known without a run (see
-`Correction`). The runs judge q′: each is compared with a Kriging that has not seen it.
+known ones, gives a density q′ that is closer. The differences of its moments from those of q cost no run (see `Correction`). The
+runs assess q′: each is compared with a Kriging that has not used it.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from structid.certification.limits import Limits
 AROUND = 9000
 """Points at which q and q′ are compared."""
 BEYOND = 0.01
-"""Share of q′ that may lie where no fresh draw comes."""
+"""Probability of q′ that may lie where no fresh draw comes."""
 COMPARED = 1000
-"""Draws of q′ at which the laws of the folds are compared with it."""
+"""Draws of q′ at which the densities of the folds are compared with it."""
 SURE = 0.5
-"""Standard deviation of the Kriging at which it counts by e⁻¹ [nat]."""
+"""Standard deviation of the Kriging at which its weight is e⁻¹ [nat]."""
 MOST_UNSURE = 2.0
-"""Standard deviation of the Kriging beyond which it makes no difference to where a run is made [nat]."""
+"""Standard deviation of the Kriging above which it no longer affects the choice of a run [nat]."""
 TAILS = 0.02
-"""Share of the wider law where nothing was learnt: weights of an approximation with short tails have no variation."""
+"""Fraction of the wider density where nothing was learnt: weights of an approximation with short tails have no variation."""
 DEEPEST = 60.0
-"""Known runs further below the best than this teach nothing of where the posterior is [nat]."""
+"""Depth below the best run at which known runs no longer inform the posterior [nat]."""
 
 
 class LearntLaw:
-    """q′, learnt from true runs."""
+    """q′, learnt from model runs."""
 
     def __init__(
         self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
@@ -64,7 +64,7 @@ class LearntLaw:
         return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
 
     def stored(self, limits: Limits) -> StoredRuns:
-        """Compare the runs with q′, where points for runs come, and elsewhere with q."""
+        """Compare the runs with q′ where points for runs come, and elsewhere with q."""
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
         covered = self.law.covers(self.theta)
         log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
@@ -74,7 +74,7 @@ class LearntLaw:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Say that q′ lies where no fresh draw comes to judge it."""
+        """Report probability of q′ where no fresh draw can assess it."""
         beyond = float(self.weights[~self.covered].sum())
         if beyond <= BEYOND:
             return ()
@@ -84,30 +84,30 @@ class LearntLaw:
         )
 
     def judging(self) -> FreshDraws:
-        """Let the fresh draws judge q′."""
+        """Assess q′ by the fresh draws."""
         fresh, count = self.fresh, len(self.fresh.theta)
         rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
         some, compared = rows[:COMPARED], self._compared(self.around.theta)
-        log_drawn, beside = np.empty(count), list[Beside]()
+        log_drawn, differences = np.empty(count), list[Beside]()
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
             left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
             gap = self._log_density(left, self.around[some]) - self.log_learnt[some]
             scale, apart = density_difference(gap, compared[some])
-            beside.append(apart)
+            differences.append(apart)
             log_drawn[places] = self._log_density(left, self.judges[places]) - scale
-        moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
+        log_correction = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
         return replace(
             fresh,
             log_drawn=log_drawn,
-            shares=fresh.shares * np.exp(moved - moved.max()),
+            shares=fresh.shares * np.exp(log_correction - log_correction.max()),
             population=compared[rows],
             highest=fresh.highest + fresh.middle,
-            beside=Beside.average(beside),
+            beside=Beside.average(differences),
         )
 
     def worth_teaching(self, count: int) -> Float[np.ndarray, "point parameter"]:
-        """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure."""
+        """Choose the most informative points for model runs: q′ is high, and the Kriging uncertain."""
         theta, weights = self.around.theta[self.covered], self.weights[self.covered]
         phi = self.law.bijection.inverse(theta)
         places: list[int] = []
@@ -123,7 +123,7 @@ class LearntLaw:
         return self.law.posterior.compared(theta)
 
     def _log_density(self, kriged: KrigedDensity, points: Chosen) -> np.ndarray:
-        """Log q′ with respect to θ: the Kriging where it is sure, and q with longer tails where the runs have taught nothing."""
+        """Log q′ with respect to θ: the Kriging where it is certain, q with longer tails where nothing was learnt."""
         phi = self.law.bijection.inverse(points.theta)
         mean, deviation = kriged.at(phi)
         trust = np.exp(-((deviation / SURE) ** 2))
@@ -132,7 +132,7 @@ class LearntLaw:
 
 
 def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
-    """Known runs that say something of where the posterior is, and last the fresh ones."""
+    """Known runs that inform the posterior, followed by the fresh ones."""
     theta, log_true = known
     with np.errstate(invalid="ignore", divide="ignore"):
         inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
@@ -142,7 +142,7 @@ def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
 
 
 def _kriged(law: DrawnLaw, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
-    """Log π with respect to φ: in the form that errs least at the fresh runs, which come last."""
+    """Log π with respect to φ, in the form with the smallest errors at the fresh runs, which come last."""
     phi = law.bijection.inverse(theta)
     charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
     forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]

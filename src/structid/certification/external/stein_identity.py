@@ -1,13 +1,13 @@
-"""Whether draws are those of a density that is known at them alone: by Stein's identity.
+"""Test by Stein's identity whether draws have a density that is known at them alone.
 
 Over draws of a density q the slope of log q averages to zero, and its product with the distance from the mean to −1:
 
-    E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
+E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
 
-(C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural Information
-Processing Systems 28). Both are integrals by parts, and hold where q falls to zero. Where the draws end and q does not, the edge is
-missing in them. So draws that lack a part of q, or those of a chain that has not converged, are told by q at the draws
-themselves. A mode far from all of them is not seen.
+(C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural
+Information Processing Systems 28). Both follow by integration by parts where q falls to zero. Where the draws end and q does not,
+the boundary term is missing. Draws that lack a part of q, or come from an unconverged chain, are therefore detected from q at the
+draws alone. A mode far from all of them is not detected.
 
 The slopes are those of Krigings, which interpolate log q between some hundred draws.
 """
@@ -29,18 +29,18 @@ from structid.certification.external.kriged_density import (
 from structid.inference.convergence import standard_error
 
 INTERPOLATED = 200
-"""Draws at most that a Kriging interpolates. There are two Krigings, of different draws, so that their error is known."""
+"""Largest number of draws that a Kriging interpolates. Two Krigings of different draws give their error."""
 COMPARED = 3000
-"""Draws at most over which slopes are averaged."""
+"""Largest number of draws over which slopes are averaged."""
 SLOPE, SPREAD = 0.1, 0.2
-"""What the averages may be away from 0 and −1 beyond their errors. Of a normal law, a mean that is 0.1 standard deviations off, and
-a standard deviation that is 10 % off."""
+"""Accepted deviations of the averages from 0 and −1 beyond their errors. For a normal distribution they correspond to a mean
+that is 0.1 standard deviations off, and a standard deviation that is 10 % off."""
 TELLING = 0.4
-"""Error of the first average beyond which not even half of a normal law is seen to be missing: it is 0.48 there."""
+"""Error of the first average above which not even a missing half of a normal distribution is detected: it is 0.48 there."""
 ERRORS = 3.0
-"""Errors of an average that are allowed for."""
+"""Errors of an average that are allowed."""
 STEP = 1e-3
-"""Of a difference quotient, in standard deviations."""
+"""Step of a difference quotient, in standard deviations."""
 
 
 class _Averages(NamedTuple):
@@ -53,21 +53,21 @@ class _Averages(NamedTuple):
 
 
 def not_its_draws(law: DrawnLaw, rng: np.random.Generator) -> tuple[str, ...]:
-    """Say by Stein's identity that draws are not those of a density."""
-    found = _averages(law, rng)
-    slope = np.abs(found.slope) - found.slope_error - SLOPE
-    spread = np.abs(found.spread - 1.0) - found.spread_error - SPREAD
+    """Describe, by Stein's identity, why draws do not have a density; empty if they may."""
+    averages = _averages(law, rng)
+    slope = np.abs(averages.slope) - averages.slope_error - SLOPE
+    spread = np.abs(averages.spread - 1.0) - averages.spread_error - SPREAD
     if max(slope.max(), spread.max()) <= 0.0:
-        return _untold(float(found.slope_error.max()))
+        return _untold(float(averages.slope_error.max()))
     if slope.max() >= spread.max():
         worst = int(np.argmax(slope))
-        said = f"its slope averages to zero, here to {found.slope[worst]:+.2f}"
+        finding = f"its slope averages to zero, here to {averages.slope[worst]:+.2f}"
     else:
         worst = int(np.argmax(spread))
-        said = f"its slope times the distance from the mean averages to -1, here to {-found.spread[worst]:.2f}"
+        finding = f"its slope times the distance from the mean averages to -1, here to {-averages.spread[worst]:.2f}"
     return (
-        f"these are not draws of the given density: over draws of a density {said} along {law.posterior.names[worst]}, in standard "
-        "deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
+        f"these are not draws of the given density: over draws of a density {finding} along {law.posterior.names[worst]}, in "
+        "standard deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
     )
 
 
@@ -102,7 +102,7 @@ def _averages(law: DrawnLaw, rng: np.random.Generator) -> _Averages:
 
 
 def _interpolated(law: DrawnLaw, values: np.ndarray, rng: np.random.Generator) -> tuple[list[KrigedDensity], float]:
-    """Two Krigings of log q, and the root mean square of their errors at draws that they have not seen [nat]."""
+    """Two Krigings of log q, and the root mean square of their errors at draws they have not used [nat]."""
     rows = law.distinct(3 * INTERPOLATED, rng)
     first, second, unseen = np.array_split(rows, 3)
     charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
@@ -121,6 +121,6 @@ def _slope(kriged: KrigedDensity, phi: np.ndarray, root: np.ndarray) -> np.ndarr
 
 
 def _symmetric_root(phi: np.ndarray) -> np.ndarray:
-    """The root of the covariance whose coordinates are nearest to the parameters' own."""
+    """The root of the covariance whose coordinates are closest to the parameters' own."""
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(phi.T)))
     return np.asarray((vectors * np.sqrt(values)) @ vectors.T)

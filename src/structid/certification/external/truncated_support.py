@@ -1,7 +1,7 @@
-"""Where a given density is zero: what the model says there, and whether it may be the end of what was drawn.
+"""Truncated support: the model where a given density is zero.
 
-Programs that explore by classification leave parts of the space out. Of a true run there the ratio π/q is infinite, but if π is low
-and falls towards it from the draws, little of π is missing.
+Programs that explore by classification exclude parts of the space. There the ratio π/q of a model run is infinite; but if π is
+low and falls on the way from the draws, little of π is missing.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from structid.certification.known_points import Points
 from structid.certification.limits import Limits
 
 FOLLOWED = 10
-"""Excluded places at most from which the way to the draws is looked at."""
+"""Largest number of excluded points from which the path to the draws is examined."""
 ON_THE_WAY = (1.0 / 3.0, 2.0 / 3.0)
-"""Where."""
+"""Positions on that path."""
 VALLEY = 1.0
-"""Fall of log π on the way below its value at the excluded place from which on a valley lies between [nat]."""
+"""Fall of log π on the path below its value at the excluded point that counts as a valley [nat]."""
 
 
 def with_what_is_excluded(
     law: DrawnLaw, fresh: FreshDraws, runs: Points, run: Callable[[np.ndarray], np.ndarray], limits: Limits
 ) -> tuple[FreshDraws, tuple[str, ...]]:
-    """Reckon with the share of π that may lie where q is zero.
+    """Allow for the fraction of π that may lie where q is zero.
 
-    If a share δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
-    √(δ/(1 − δ)) standard deviations at most. Of a normal law that is cut off h nats below its highest density, δ = P(χ²_d > 2h) is
-    missing. This holds for the mode that was drawn. A valley between it and an excluded place is a sign of another one.
+    If a fraction δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by at
+    most √(δ/(1 − δ)) standard deviations. For a normal distribution truncated h nats below its highest density, δ = P(χ²_d > 2h).
+    This holds for the mode that was drawn. A valley between it and an excluded point indicates another one.
     """
     theta, log_true = runs
     highest = fresh.log_true.max(initial=-np.inf)
@@ -51,13 +51,13 @@ def with_what_is_excluded(
 
 
 def _valleys(law: DrawnLaw, beyond: Points, run: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
-    """Look for valleys on the ways from excluded places to the draws."""
+    """Search for valleys on the paths from excluded points to the draws."""
     theta, log_true = beyond
     if len(theta) > FOLLOWED:
         return (f"the given density excludes {len(theta)} true runs that matter, and {FOLLOWED} at most are followed",)
     ways = _ways(law, theta)
-    found = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
-    divided = int((found.min(axis=0) < log_true - VALLEY).sum())
+    result = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
+    divided = int((result.min(axis=0) < log_true - VALLEY).sum())
     if not divided:
         return ()
     return (
@@ -67,8 +67,8 @@ def _valleys(law: DrawnLaw, beyond: Points, run: Callable[[np.ndarray], np.ndarr
 
 
 def _ways(law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
-    """Points on the straight ways, in unconstrained coordinates, to the nearest draws: (place, way, parameter), in SI."""
+    """Points on straight paths, in unconstrained coordinates, to the nearest draws: (position, path, parameter), in SI."""
     phi, sd = law.bijection.inverse(theta), law.phi.std(axis=0)
     nearest = scipy.spatial.KDTree(law.phi / sd).query(phi / sd)[1]
-    ways = np.stack([(1.0 - place) * phi + place * law.phi[nearest] for place in ON_THE_WAY])
+    ways = np.stack([(1.0 - position) * phi + position * law.phi[nearest] for position in ON_THE_WAY])
     return law.bijection(ways.reshape(-1, phi.shape[1]))[0].reshape(ways.shape)

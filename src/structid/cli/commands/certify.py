@@ -1,4 +1,4 @@
-"""structid certify: whether a posterior that another program drew is that of the study's own model."""
+"""structid certify: certify external draws of a study's posterior by its own model."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def certify(
     """Certify a posterior that another program drew, by a few runs of the study's own model."""
     from structid.study.certified_draws import certify_draws
 
-    found, page = certify_draws(study, draws, out, runs, look, stage, executor)
+    certificate, page = certify_draws(study, draws, out, runs, look, stage, executor)
     screen.print()
-    screen.print(str(found), style="green" if found.certified else "bold red", markup=False, soft_wrap=True)
+    screen.print(str(certificate), style="green" if certificate.certified else "bold red", markup=False, soft_wrap=True)
     screen.print(f"\nReport: {page.resolve()}", markup=False, soft_wrap=True)
-    if not found.certified:
+    if not certificate.certified:
         raise typer.Exit(NOT_CONVERGED)

@@ -1,4 +1,4 @@
-"""structid check: everything that is wrong with a study, and what it will cost."""
+"""structid check: all problems of a study, and its expected cost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check(
         Path | None, typer.Option(help="A folder for figures that lay each measurement and the model on its record.")
     ] = None,
 ) -> None:
-    """Say everything that is wrong with a study and what it will cost; the model is run a few times for that."""
+    """List all problems of a study and its expected cost; the model is run a few times."""
     from structid.study.cost import estimate
     from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility
@@ -52,7 +52,7 @@ def check(
 
 
 def _say(line: str) -> None:
-    """Print what is known, at once."""
+    """Print a finding at once."""
     screen.print(line, markup=False, soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""The commands in their order. A new one is a file with a function of its name, and a line here."""
+"""The commands in order. A new one is a file with a function of its name, and a line here."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ def compare(
     folders: Annotated[list[Path], typer.Argument(help="Folders of finished studies of one measurement.")],
     out: Annotated[Path | None, typer.Option(help="Folder for a page with their predictions side by side.")] = None,
 ) -> None:
-    """Say which model class the data favour: evidence, Bayes factors, prediction of stretches left out."""
+    """Compare model classes of one measurement: evidence, Bayes factors, prediction of left-out stretches."""
     from structid.study.compare import compare_studies
 
     comparison, page = compare_studies(folders, out, stage)

@@ -14,16 +14,16 @@ def conformance(
     address: Annotated[str, typer.Argument(help="Host and port of the server, such as 127.0.0.1:7700.")],
     secret_file: SecretFile = None,
 ) -> None:
-    """Check a specimen's server; the specimen is asked to stay where it is, and holds for good afterwards."""
+    """Check a specimen's server; the specimen is asked to stay in place, and holds for good afterwards."""
     from structid.hybrid.laboratory.conformance import conformance as checked
 
     with screen.status("checking"):
-        found = checked(address, secret_of(secret_file))
-    for number, finding in enumerate(found, start=1):
+        findings = checked(address, secret_of(secret_file))
+    for number, finding in enumerate(findings, start=1):
         word, style = ("passed", "green") if finding.passed else ("FAILED", "bold red")
         tail = "" if finding.passed else f": {finding.came}"
         screen.print(f"[{style}]{word}[/] {number:2d} {finding.what}{tail}", soft_wrap=True)
-    passed = sum(finding.passed for finding in found)
-    screen.print(f"{passed} of {len(found)} passed.")
-    if passed < len(found):
+    passed = sum(finding.passed for finding in findings)
+    screen.print(f"{passed} of {len(findings)} passed.")
+    if passed < len(findings):
         raise typer.Exit(FAILED)

@@ -1,4 +1,4 @@
-"""structid demo: one virtual experiment, two models of the structure, and which of them the data favour."""
+"""structid demo: one virtual experiment, two models of the structure, and their comparison."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ACTS = {
     "no_degradation": "The structure loses stiffness while it moves. It is calibrated as if it did not.",
     "degradation": "The same measurement, and a model that degrades.",
 }
-"""The studies, and what they are about."""
+"""The studies, and their subjects."""
 
 _PASSING = partial(stage, passing=True)
 
@@ -45,7 +45,7 @@ def demo(
 
 
 def _act(number: int, name: str, folder: Path) -> StudyOutcome:
-    """Run one of the studies, and say in short what it has found."""
+    """Run one of the studies, and summarise its result."""
     from structid.report.page_summary import headline
 
     screen.print(f"\n[bold]{number}[/] {ACTS[name]}")

@@ -1,4 +1,4 @@
-"""structid doctor: what this machine and this installation can do."""
+"""structid doctor: capabilities of this machine and this installation."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ OPTIONAL = {
     "openseespy": ("opensees", "OpenSees models"),
     "uvicorn": ("live", "the live view of a hybrid test"),
 }
-"""Packages that are not required, the extra that brings each, and what it adds."""
+"""Optional packages, the extra that installs each, and what it adds."""
 
 LETTERS = "αβγδζηνψλσ²³⁻ⁿ√±−"
-"""That figures and tables use."""
+"""Characters that figures and tables use."""
 
 
 def doctor() -> None:
-    """Say what runs here: versions, cores, the engine, caches, fonts, optional packages."""
+    """Show what is available here: versions, cores, engine, caches, fonts, optional packages."""
     lines = {
         "structid": f"{version('structid')}, Python {platform.python_version()}",
         "cores": f"{cores_to_use()} used of {available_cores()} (JAX_NUM_CPU_DEVICES sets another number)",
@@ -33,8 +33,8 @@ def doctor() -> None:
         "font": _font(),
         **{package: f"{_installed(package, extra)} ({adds})" for package, (extra, adds) in OPTIONAL.items()},
     }
-    for name, found in lines.items():
-        screen.print(f"{name:<12} {found}", markup=False, soft_wrap=True)
+    for name, result in lines.items():
+        screen.print(f"{name:<12} {result}", markup=False, soft_wrap=True)
 
 
 def _engine() -> str:
@@ -68,12 +68,12 @@ def _short(folder: Path) -> str:
 
 
 def _font() -> str:
-    """The font of figures, and the letters that it lacks."""
+    """The font of figures, and the characters that it lacks."""
     from matplotlib import font_manager
 
     path = font_manager.findfont(font_manager.FontProperties(family=["sans-serif"]))
-    known = font_manager.get_font(path).get_charmap()
-    lacking = "".join(letter for letter in LETTERS if ord(letter) not in known)
+    characters = font_manager.get_font(path).get_charmap()
+    lacking = "".join(letter for letter in LETTERS if ord(letter) not in characters)
     return Path(path).stem + (f", which lacks {lacking}" if lacking else "")
 
 

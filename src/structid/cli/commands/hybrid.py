@@ -39,7 +39,7 @@ def hybrid(
         bool, typer.Option("--check", help="Say what can work and what cannot; nothing moves.")
     ] = False,
 ) -> None:
-    """Run a programme of hybrid tests: checks, tests on one specimen, what they teach, report."""
+    """Run a programme of hybrid tests: checks, tests on one specimen, learning, report."""
     from structid.study.echo import quantities_in_si
     from structid.study.programmes.run_programme import check_programme, run_programme
 
@@ -66,7 +66,7 @@ def hybrid(
 
 @contextmanager
 def _live(out: Path, port: int) -> Iterator[None]:
-    """Serve the live view, and say where."""
+    """Serve the live view, and print its address."""
     from structid.report.live import live
 
     with live(out, port) as address:
@@ -74,22 +74,22 @@ def _live(out: Path, port: int) -> Iterator[None]:
         yield
 
 
-def print_checks(found: dict[str, Feasibility], quantities: Sequence[str]) -> None:
+def print_checks(checks: dict[str, Feasibility], quantities: Sequence[str]) -> None:
     """Say what is known of every test before anything moves; leave with an exit code where one cannot work.
 
     Parameters
     ----------
-    found : dict of str to Feasibility
+    checks : dict of str to Feasibility
         By the names of the tests.
     quantities : sequence of str
         What the file was understood to say, a line each.
     """
     for line in quantities:
         screen.print(line, markup=False, soft_wrap=True)
-    for name, feasibility in found.items():
+    for name, feasibility in checks.items():
         screen.print(f"\n[bold]test {name}[/]")
         screen.print(str(feasibility), markup=False, soft_wrap=True)
-    if not all(each.can_work for each in found.values()):
+    if not all(each.can_work for each in checks.values()):
         raise typer.Exit(WRONG_INPUT)
 
 
@@ -110,8 +110,8 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
         screen.print()
         screen.print(str((learnt.calibration or learnt.result).summary()), markup=False, soft_wrap=True)
         if learnt.calibration is not None:
-            said = str(learnt.calibration.certificate)
-            screen.print(said, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
+            certificate = str(learnt.calibration.certificate)
+            screen.print(certificate, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
         screen.print(
             str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
         )

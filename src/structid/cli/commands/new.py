@@ -1,4 +1,4 @@
-"""structid new: a study file to start from."""
+"""structid new: a template of a study file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def new(
         str, typer.Option(help=f"Which packaged study to start from: {', '.join(TEMPLATES)}.")
     ] = "measured",
 ) -> None:
-    """Write a study file to start from."""
+    """Write a study file from a template."""
     check_choice("--like", like, TEMPLATES)
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.exists():

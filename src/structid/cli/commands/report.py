@@ -1,4 +1,4 @@
-"""structid report: the page again, from what is stored."""
+"""structid report: write the page again from stored results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.cli.screen import finish, stage
 def report(
     folder: Annotated[Path, typer.Argument(help="A folder that structid run or structid hybrid has filled.")],
 ) -> None:
-    """Write the report again from what is stored."""
+    """Write the report again from stored results."""
     from structid.study.folder import STUDY
     from structid.study.programmes.programme_file import is_programme
     from structid.study.programmes.run_programme import programme_report_again

@@ -36,7 +36,7 @@ def run(
         typer.Option("--adopt", help="Keep the true runs although the solver has changed; implies --resume."),
     ] = False,
 ) -> None:
-    """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
+    """Run a study: model runs, deterministic calibration, sampling, prediction, report."""
     folder = Path(study.stem) if out is None else out
     with findings_on_screen():
         outcome = worked_on_screen(study, folder, resume, executor, retry, adopt)

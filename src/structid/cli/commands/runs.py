@@ -1,4 +1,4 @@
-"""structid runs: how the true runs of a study stand."""
+"""structid runs: the state of a study's model runs."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ def runs(
         bool, typer.Option("--whole", help="Show all that the solver last said, not only its last line.")
     ] = False,
 ) -> None:
-    """Say how the true runs of a study stand: counts, failures by reason, rates."""
+    """Show the state of a study's model runs: counts, failures by reason, rates."""
     from structid.campaign.store import open_runs
     from structid.study.cost import duration
 
-    found = open_runs(folder)
-    screen.print(str(found), markup=False, soft_wrap=True)
-    seconds = found.seconds[found.seconds > 0]
+    stored = open_runs(folder)
+    screen.print(str(stored), markup=False, soft_wrap=True)
+    seconds = stored.seconds[stored.seconds > 0]
     if seconds.size:
         median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
         total = duration(seconds.sum())
         screen.print(f"  {median:.3g} s a run (median), {longest:.3g} s at most, {total} of solver time in all")
-    if found.rate > 0:
-        screen.print(f"  {found.rate:.3g} runs/s over the last {min(100, len(found))}")
+    if stored.rate > 0:
+        screen.print(f"  {stored.rate:.3g} runs/s over the last {min(100, len(stored))}")
     if failed:
-        _list_failed(found, whole)
+        _list_failed(stored, whole)
 
 
-def _list_failed(found: Runs, whole: bool) -> None:
-    factors, units = found.design.space.factors, found.design.space.units.values()
-    for i in range(len(found)):
-        status = Status(found.status[i])
+def _list_failed(stored: Runs, whole: bool) -> None:
+    factors, units = stored.design.space.factors, stored.design.space.units.values()
+    for i in range(len(stored)):
+        status = Status(stored.status[i])
         if status not in (Status.DONE, Status.PENDING):
             point = ", ".join(
                 f"{n} {v:.6g}{' ' + u if u else ''}"
-                for n, v, u in zip(found.design.names, found.design.values[i] / factors, units, strict=True)
+                for n, v, u in zip(stored.design.names, stored.design.values[i] / factors, units, strict=True)
             )
-            times = f" (attempt {found.attempts[i]})" if found.attempts[i] > 1 else ""
-            reason = found.reasons[i] if whole else short_reason(found.reasons[i])
+            times = f" (attempt {stored.attempts[i]})" if stored.attempts[i] > 1 else ""
+            reason = stored.reasons[i] if whole else short_reason(stored.reasons[i])
             screen.print(f"run {i}{times}: {status.words}: {reason}\n    {point}", markup=False, soft_wrap=True)

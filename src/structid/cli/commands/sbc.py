@@ -1,4 +1,4 @@
-"""structid sbc: whether a study's intervals hold the truth as often as they say."""
+"""structid sbc: simulation-based calibration of a study."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def sbc(
     seed: Annotated[int | None, typer.Option(help="Seed; the study's when left out.")] = None,
     executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
 ) -> None:
-    """Check a study by simulation: whether its intervals hold the truth as often as they say."""
+    """Check a study by simulation: whether its intervals have their nominal coverage."""
     from structid.study.simulated_replicas import check_by_simulation
 
     ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)

@@ -1,4 +1,4 @@
-"""structid specimen: a simulated specimen as a process of its own."""
+"""structid specimen: a simulated specimen in a separate process."""
 
 from __future__ import annotations
 

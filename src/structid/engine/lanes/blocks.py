@@ -1,6 +1,6 @@
-"""Work on all cores: plain threads, since compiled code lets go of Python's lock.
+"""Work on all cores by plain threads, since compiled code releases Python's lock.
 
-The threads belong to one process. A process that is forked from it has none of them, and starts its own.
+The threads belong to one process. A forked process has none of them and starts its own.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[], None], parts: int) -> None:
-    """Let every core work until nothing is left."""
+    """Let every core take parts of the work until none is left."""
     cores = cores_to_use()
     others = [_threads(cores - 1).submit(work) for _ in range(min(cores, parts) - 1)]
     work()

@@ -1,4 +1,4 @@
-"""A density with its gradient in compiled lanes, for samplers inside JAX."""
+"""A density and its gradient in compiled lanes, for samplers inside JAX."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from structid.engine.slopes import with_slopes
 def differentiable_in_lanes(
     density: Callable[..., Any], parameters: int, constants: tuple[Any, ...]
 ) -> Callable[[Any], Any] | None:
-    """Compile a density together with its gradient, where lanes can do that.
+    """Compile a density together with its gradient where lanes support it.
 
-    Derivatives go forward, along all parameters at once, beside the density itself: parameters are few and histories long. What the
-    directions have in common, such as the matrix of an equilibrium, is computed once.
+    Derivatives are propagated forward along all parameters at once, since parameters are few and histories long. What the
+    directions share, such as the matrix of an equilibrium, is computed once.
     """
 
     def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:
@@ -32,7 +32,7 @@ def differentiable_in_lanes(
         value, gradient = compiled.inside_jax(*primals)
         return value, (gradient * tangents[0]).sum(axis=1)
 
-    found: Any = jax.custom_jvp(lambda phi: compiled.inside_jax(phi)[0])
-    found.defjvp(slope)
-    differentiable: Callable[[Any], Any] = found
+    result: Any = jax.custom_jvp(lambda phi: compiled.inside_jax(phi)[0])
+    result.defjvp(slope)
+    differentiable: Callable[[Any], Any] = result
     return differentiable

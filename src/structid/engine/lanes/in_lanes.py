@@ -1,4 +1,4 @@
-"""A JAX function of many runs, done in compiled lanes where that can be, and by JAX where not."""
+"""A JAX function of many runs, compiled to lanes where possible and run by JAX elsewhere."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from structid.engine.vector_code.primitives import UntranslatableError
 from structid.engine.vector_code.values import History
 
 KEPT = 8
-"""Sets of constants for which a function stays compiled."""
+"""Sets of constants for which a compiled function is kept."""
 
 NUMBERS_IN_A_LINE = 8
-"""Numbers in a line of a processor's cache, 64 bytes."""
+"""Doubles in a cache line of 64 bytes."""
 
 OF_ANOTHER_JAX = (KeyError, AttributeError)
-"""What goes wrong where a later JAX lists operations in another way: the loop is left to it."""
+"""Errors that occur where another JAX version lists operations differently; such a loop is left to JAX."""
 
 _log = logging.getLogger(__name__)
 
 
 class InLanes:
-    """Compile a function of arrays with a leading run axis, each run on its own: `device.over_runs`, in lanes.
+    """Compile a function of arrays with a leading run axis to lanes; the counterpart of `device.over_runs`.
 
-    The function is traced for one run, and what JAX lists of it is written as vector code. Where something in it has no vector
-    code, or nothing can be compiled here, JAX runs it.
+    The function is traced for one run, and its jaxpr is written as vector code. JAX runs the function where an operation has no
+    vector code, or where nothing can be compiled.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class InLanes:
         return self._jax_of_rows(theta.shape[1], signals.shape)(rows, *constants)
 
     def _jax_of_rows(self, parameters: int, shape: tuple[int, int]) -> Callable[..., Any]:
-        """The function by JAX, of rows with the parameters and then the signals of a run."""
+        """The JAX version of the function, on rows with the parameters and then the signals of a run."""
         if (parameters, shape) not in self._by_jax_with_signals:
 
             def function(rows: Any, *constants: Any) -> Any:
@@ -80,20 +80,22 @@ class InLanes:
                 return self._function(rows[:, :parameters], signals, *constants)
 
             self._by_jax_with_signals[parameters, shape] = over_runs(function, self._run_axes, self._shard)
-        found: Callable[..., Any] = self._by_jax_with_signals[parameters, shape]
-        return found
+        result: Callable[..., Any] = self._by_jax_with_signals[parameters, shape]
+        return result
 
     def compiled(
         self, parameters: int, constants: tuple[Any, ...], signals: tuple[int, int] | None = None
     ) -> _Bound | None:
-        """Compile the function, or take it from where it was compiled before."""
+        """Compile the function, or reuse an earlier compilation."""
         if self.why_not:
             return None
         try:
             return self._kept(parameters, constants, signals)
         except (UntranslatableError, *OF_ANOTHER_JAX) as cause:
-            known = isinstance(cause, UntranslatableError)
-            self.why_not = str(cause) if known else f"JAX {jax.__version__} lists operations in another way ({cause!r})"
+            translatable = isinstance(cause, UntranslatableError)
+            self.why_not = (
+                str(cause) if translatable else f"JAX {jax.__version__} lists operations in another way ({cause!r})"
+            )
             _log.info("JAX runs %s, since lanes cannot: %s", self._function, cause)
             return None
 
@@ -106,12 +108,12 @@ class InLanes:
             # The leaves are kept, so that no other array gets their identity.
             bound = _Bound(self._function, self._run_axes, parameters, constants, signals, self._one_array)
             self._bound[key] = leaves, bound
-        leaves, found = self._bound[key]
-        return found.with_array(leaves[0], constants[0]) if self._one_array else found
+        leaves, result = self._bound[key]
+        return result.with_array(leaves[0], constants[0]) if self._one_array else result
 
 
 class _Bound:
-    """A function with its constants, compiled."""
+    """A compiled function with its constants."""
 
     def __init__(
         self,
@@ -140,10 +142,10 @@ class _Bound:
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> _Bound:
-        """The same function with another array for its constant, old."""
-        found = copy.copy(self)
-        found.kernel = self.kernel.with_array(old, new)
-        return found
+        """Return the same function with another array in place of a constant."""
+        result = copy.copy(self)
+        result.kernel = self.kernel.with_array(old, new)
+        return result
 
     def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
         return self._run(theta, None if self._foreign_on_host is None else self._foreign_on_host(theta), signals)
@@ -158,8 +160,8 @@ class _Bound:
             theta, foreign = np.asarray(theta), np.asarray(foreign)
             rows = theta.reshape(-1, theta.shape[-1])
             numbers = np.moveaxis(foreign, -2, 0).reshape(foreign.shape[-2], len(rows))
-            found = jax.tree.leaves(self._run(rows, numbers, None))
-            first = [np.moveaxis(x, o.axis, 0) for x, o in zip(found, self._outputs, strict=True)]
+            result = jax.tree.leaves(self._run(rows, numbers, None))
+            first = [np.moveaxis(x, o.axis, 0) for x, o in zip(result, self._outputs, strict=True)]
             return [x.reshape(*theta.shape[:-1], *x.shape[1:]) for x in first]
 
         # What runs need of JAX comes before the call: JAX within it would wait for the program that waits for the call.
@@ -186,16 +188,16 @@ class _Bound:
 
 
 def _row_length(runs: int) -> int:
-    """Length of a row of numbers of so many runs in memory.
+    """Length in memory of a row of one number per run.
 
-    An odd number of cache lines: where the rows of a block were a power of two apart, they would push each other out of the cache.
+    It is an odd number of cache lines: rows at distances of a power of two would evict each other from the cache.
     """
     lines = -(-runs // NUMBERS_IN_A_LINE)
     return NUMBERS_IN_A_LINE * (lines + 1 - lines % 2)
 
 
 def _empty(rows: int, length: int) -> np.ndarray:
-    """Rows of numbers that begin with a line of the cache, so that no two blocks write into the same line."""
+    """Rows that begin at a cache line, so that no two blocks write to the same line."""
     memory = np.empty(rows * length + NUMBERS_IN_A_LINE)
     first = -memory.ctypes.data // memory.itemsize % NUMBERS_IN_A_LINE
     return memory[first : first + rows * length].reshape(rows, length)
@@ -203,7 +205,7 @@ def _empty(rows: int, length: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Output:
-    """Where one array that a function returns is found: some rows of the results, or of the histories."""
+    """Location of one returned array among the rows of results or histories."""
 
     buffer: int
     first: int
@@ -213,26 +215,26 @@ class _Output:
 
     @property
     def kind(self) -> type:
-        """Of its numbers."""
+        """Data type of its numbers."""
         return bool if self.truths else float
 
     def taken_from(self, buffers: tuple[np.ndarray, np.ndarray], count: int) -> np.ndarray:
-        """The array of so many runs."""
+        """Read the array of a number of runs from the buffers."""
         rows = buffers[self.buffer][self.first : self.first + math.prod(self.shape), :count]
-        found = rows[0] if not self.shape else rows.reshape(*self.shape, count)
+        result = rows[0] if not self.shape else rows.reshape(*self.shape, count)
         if self.axis != len(self.shape):
-            found = np.moveaxis(found, -1, self.axis)
-        return found != 0.0 if self.truths else found
+            result = np.moveaxis(result, -1, self.axis)
+        return result != 0.0 if self.truths else result
 
 
 def _outputs(kernel: Kernel, leaves: list[Any], axes: list[int]) -> list[_Output]:
-    """Places of what a function returns: `leaves` of one run, the run axis of each among `axes`."""
-    found, row = [], 0
-    for place, leaf, axis in zip(kernel.outputs, leaves, axes, strict=True):
+    """Locations of the returned arrays; `leaves` are those of one run, `axes` the run axis of each."""
+    result, row = [], 0
+    for output, leaf, axis in zip(kernel.outputs, leaves, axes, strict=True):
         shape = tuple(n for i, n in enumerate(leaf.shape) if i != axis)
-        if isinstance(place, History):
-            found.append(_Output(1, place.first, shape, axis, truths=False))
+        if isinstance(output, History):
+            result.append(_Output(1, output.first, shape, axis, truths=False))
         else:
-            found.append(_Output(0, row, shape, axis, truths=leaf.dtype == np.bool_))
+            result.append(_Output(0, row, shape, axis, truths=leaf.dtype == np.bool_))
             row += math.prod(shape)
-    return found
+    return result

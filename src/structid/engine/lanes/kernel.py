@@ -1,4 +1,4 @@
-"""The text of a compiled function of many runs: blocks of lanes outside, the function of one run inside."""
+"""The LLVM text of a compiled function of many runs: blocks of lanes outside, the function of one run inside."""
 
 from __future__ import annotations
 
@@ -22,33 +22,35 @@ SIGNATURE = (
     "ptr noalias %arguments, ptr noalias %shared, ptr noalias %signals, ptr noalias %results, ptr noalias %histories, "
     "ptr %next_block, i64 %stride, i64 %blocks"
 )
-"""Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
-the lanes last. Threads take blocks from one counter."""
+"""Arguments of the compiled function.
+
+In arguments, results and histories the runs come last, `stride` of them; signals have the block first and the lane last.
+Threads take blocks from one counter."""
 
 LINE_OF_CACHE = 64
-"""Bytes of a line of a processor's cache. Registers that are spilled begin with one: by themselves they would be where a thread's
-stack happens to begin, and three times in four each load and store of one would touch two lines."""
+"""Bytes of a cache line. Spilled registers are aligned to it: otherwise three in four stacks would make each load and store
+touch two lines."""
 
 LARGEST_STACK = 1 << 17
-"""Numbers of histories that may be on a thread's stack: a megabyte."""
+"""Largest number of doubles for histories on a thread's stack: one megabyte."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function of many runs as text, and what goes with it."""
+    """A function of many runs as LLVM text, with its memory layout."""
 
-    text: str  # For LLVM
-    width: int  # Runs in a block
-    shared: np.ndarray  # Numbers that all runs share
+    text: str  # LLVM text
+    width: int  # runs in a block
+    shared: np.ndarray  # numbers that all runs share
     # Where each output is: a history, or rows of the results one after the other
     outputs: tuple[History | tuple[int, ...], ...]
-    taken: int  # Rows of the arguments, of the results, and of the buffer of histories
-    rows: int  # Rows of the arguments, of the results, and of the buffer of histories
-    histories: int  # Rows of the arguments, of the results, and of the buffer of histories
-    arrays: dict[bytes, int]  # Where each long array begins among the shared numbers
+    taken: int  # rows of the arguments
+    rows: int  # rows of the results
+    histories: int  # rows of the buffer of histories
+    arrays: dict[bytes, int]  # position of each long array among the shared numbers
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
-        """Put another array of the same shape in the place of the only long one."""
+        """Replace the only long array by another of the same shape."""
         [(held, first)] = self.arrays.items()
         assert held == old.tobytes(), "the array is in the table as it is"
         shared = self.shared.copy()
@@ -57,12 +59,12 @@ class Kernel:
 
 
 def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
-    """Write a function of one run as one of many."""
+    """Write a function of one run as a function of many."""
     code = VectorCode(width)
     translator = Translator(code)
     theta, *signals = (v.aval for v in function.invars)
     outputs: list[History | tuple[int, ...]] = []
-    taken, written = 0, 0
+    read, written = 0, 0
     with code.shared_loop("%next_block", "%blocks") as block:
         column = code.whole("mul", block, width)
         beginning = len(code.lines)
@@ -73,18 +75,18 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
         arguments: list[Value] = []
         for aval in (theta, *(v.aval for v in foreign)):
             if math.prod(aval.shape) > LARGEST_ROW:
-                arguments.append(_in_memory(code, aval.shape, taken, column, translator.shared.length))
-                taken += math.prod(aval.shape)
+                arguments.append(_in_memory(code, aval.shape, read, column, translator.shared.length))
+                read += math.prod(aval.shape)
                 continue
             numbers = np.empty(aval.shape, dtype=object)
-            for place in np.ndindex(aval.shape):
-                number: Number = code.load(row("%arguments", taken), lanes=True)
+            for index in np.ndindex(aval.shape):
+                number: Number = code.load(row("%arguments", read), lanes=True)
                 if aval.dtype == np.bool_:
                     number = code.operation("fcmp une", [number, 0.0], result="i1")
-                numbers[place], taken = number, taken + 1
+                numbers[index], read = number, read + 1
             arguments.append(numbers)
-        own: list[Value] = [arguments[0], *(History(SIGNALS, aval.shape) for aval in signals)]
-        for value in translator.function(function, own, dict(zip(foreign, arguments[1:], strict=True))):
+        inputs: list[Value] = [arguments[0], *(History(SIGNALS, aval.shape) for aval in signals)]
+        for value in translator.function(function, inputs, dict(zip(foreign, arguments[1:], strict=True))):
             if isinstance(value, History) and value.number != SIGNALS:
                 outputs.append(value)
                 continue
@@ -101,26 +103,26 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
     places = memory.entry  # what it loads comes before it
     body = "\n".join([*code.entry, *places, *code.lines])
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
-    found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
+    result = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
     shared = translator.shared
-    return Kernel(text, width, shared.values, found, taken, written, memory.rows, shared.arrays)
+    return Kernel(text, width, shared.values, result, read, written, memory.rows, shared.arrays)
 
 
 def _in_memory(
     code: VectorCode, shape: tuple[int, ...], first: int, column: str, length: Callable[[int], str]
 ) -> InMemory:
-    """Copy rows of the arguments into memory of this thread, where they lie close together."""
+    """Copy rows of the arguments to contiguous memory of this thread."""
     size = math.prod(shape)
-    place = code.slot(lanes=True, count=size)
+    slot = code.slot(lanes=True, count=size)
     with code.loop(length(size)) as at:
         row = code.whole("mul", "%stride", code.whole("add", at, first))
         number = code.load(code.address("%arguments", code.whole("add", row, column)), lanes=True)
-        code.store(number, code.address(place, at, lanes=True), lanes=True)
-    return InMemory(place, shape)
+        code.store(number, code.address(slot, at, lanes=True), lanes=True)
+    return InMemory(slot, shape)
 
 
 class _Memory:
-    """Where histories are: those that are returned, in a buffer; the others, on the stack of the thread that works on a block."""
+    """Where histories are stored: returned ones in a buffer, others on the stack of the thread that computes a block."""
 
     def __init__(self, translator: Translator, returned: set[int]) -> None:
         self._translator, self.rows = translator, 0
@@ -134,7 +136,7 @@ class _Memory:
 
     @property
     def entry(self) -> list[str]:
-        """Text at the beginning: base and distance of the rows of every history."""
+        """Text at the start of the function: base and row distance of every history."""
         code, lines = self._translator.code, [f"  %each_signal = add i64 {self._translator.code.width}, 0"]
         for number, rows in enumerate(self._translator.kept):
             if number in self._first:
@@ -147,7 +149,7 @@ class _Memory:
         return lines
 
     def of_block(self, block: str, column: str, signals: int) -> list[str]:
-        """Text at the beginning of a block: places of its first run."""
+        """Text at the start of a block: addresses of its first run."""
         code, shared = self._translator.code, self._translator.shared
         of_block = code.name("n")
         lines = [f"  {of_block} = mul i64 {block}, {shared.length(signals)}"]
@@ -163,5 +165,5 @@ class _Memory:
         return lines
 
     def in_buffer(self, history: History) -> History:
-        """A returned history, with its rows in the buffer."""
+        """Assign rows of the buffer to a returned history."""
         return replace(history, first=history.first + self._first[history.number])

@@ -1,7 +1,7 @@
-"""From text to a function of this machine: LLVM compiles it once, and what it made is kept on disk.
+"""Compilation of LLVM text to a function of this machine, with a cache on disk.
 
-LLVM comes with llvmlite, the part of Numba that binds it to Python; no compiler need be installed. Where llvmlite is missing,
-`why_not` says so, and loops are left to JAX.
+LLVM comes with llvmlite, Numba's binding to Python; no compiler need be installed. Where llvmlite is missing, `why_not` gives the
+reason and loops are left to JAX.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from pathlib import Path
 from structid.core.cores import cache_folder
 
 ARITHMETIC = 1
-"""Version of what compiled loops compute, to the last digit."""
+"""Version of the arithmetic of compiled loops, to the last digit."""
 
 LEAST_LLVM = 20
-"""The first version of LLVM that reads what `vector_code` writes."""
+"""Oldest LLVM that reads the output of `vector_code`."""
 
 _POINTERS, _WHOLE_NUMBERS = 6, 2
-"""Arguments of a kernel; see `kernel.SIGNATURE`."""
+"""Types of a kernel's arguments; see `kernel.SIGNATURE`."""
 
 _lock = threading.Lock()
 
 
 def _forget() -> None:
-    """A process that is forked while another thread compiles would wait for it forever."""
+    """Reset the locks in a forked process, which would otherwise wait forever for a thread of its parent."""
     global _lock
     _lock = threading.Lock()
 
@@ -41,7 +41,7 @@ os.register_at_fork(after_in_child=_forget)
 
 @functools.cache
 def why_not() -> str:
-    """Say why nothing can be compiled here."""
+    """Return the reason why nothing can be compiled here, or an empty string."""
     if os.environ.get("STRUCTID_ENGINE") == "jax":
         return "STRUCTID_ENGINE=jax"
     try:
@@ -56,12 +56,12 @@ def why_not() -> str:
 
 
 def levels(text: str) -> tuple[int, int]:
-    """Say how far LLVM's passes, and its writing of code, are to optimise."""
+    """Optimisation levels of LLVM's passes and of its code generation."""
     return 2, 3
 
 
 class _Machine:
-    """LLVM for the processor it runs on."""
+    """LLVM for this processor."""
 
     def __init__(self) -> None:
         import llvmlite
@@ -81,7 +81,7 @@ class _Machine:
         self.loaded: dict[str, Callable[..., None]] = {}
 
     def object_code(self, text: str) -> bytes:
-        """Compile."""
+        """Compile LLVM text to object code."""
         passes_level, code_level = levels(text)
         target = self.llvm.Target.from_default_triple().create_target_machine(
             cpu=self.processor, features=self.features, opt=code_level, reloc="pic", codemodel="default"
@@ -101,10 +101,10 @@ class _Machine:
         library = self.llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(function)
         linked = library.link(self.linker, name)
         signature = [ctypes.c_void_p] * _POINTERS + [ctypes.c_int64] * _WHOLE_NUMBERS
-        found = ctypes.CFUNCTYPE(None, *signature)(linked[function])
+        result = ctypes.CFUNCTYPE(None, *signature)(linked[function])
         # The code is there for as long as its library is.
-        found.library = linked  # type: ignore[attr-defined]
-        return found
+        result.library = linked  # type: ignore[attr-defined]
+        return result
 
 
 @functools.cache
@@ -113,31 +113,32 @@ def _machine() -> _Machine:
 
 
 def engine() -> str:
-    """Name what runs loops over time here, for stores: another engine gives the same numbers but for the last digits."""
+    """Name of the engine that runs loops over time here, for stores: engines differ in the last digits."""
     return "jax" if why_not() else f"lanes {ARITHMETIC}"
 
 
 LARGEST_DOUBLE_STATE = 11
-"""Numbers of a state up to which each has two registers. Measured: the 11 numbers of a NARX recursion take two thirds of the time
-that they take in one register each, the 12 of a frame of four storeys a fifth more, the 24 of one of eight a third more."""
+"""Largest state for which each number has two registers. Measured: the 11 numbers of a NARX recursion take two thirds of the
+time with two registers each; the 12 of a four-storey frame take a fifth more, the 24 of an eight-storey frame a third more."""
 
 
 def lanes(state: int = 1) -> int:
-    """Number of runs in a block: two registers for each number, or a core would wait for one operation to begin the next.
+    """Number of runs in a block.
 
-    A larger state has one register for each number: it keeps the core busy by itself, and twice as many would be in memory.
+    Two vector registers for each number, so that a core need not wait for one operation before it starts the next. A larger state
+    has one register for each number, since twice as many would spill to memory.
     """
     in_a_register = 8 if _machine().wide else 4
     return in_a_register * (2 if state <= LARGEST_DOUBLE_STATE else 1)
 
 
 def processor() -> str:
-    """Name of the processor that code is compiled for."""
+    """Name of the processor for which code is compiled."""
     return _machine().processor
 
 
 def load(text: str, function: str) -> Callable[..., None]:
-    """Compile a function, or take it from memory or disk where it has been compiled before."""
+    """Compile a function, or reuse it from memory or disk."""
     with _lock:
         machine = _machine()
         name = hashlib.sha256(f"{machine.identity}, {levels(text)}\n{text}".encode()).hexdigest()[:32]
@@ -154,12 +155,12 @@ def _file(name: str) -> Path:
 
 
 def _code(machine: _Machine, text: str, name: str) -> bytes:
-    """Object code, from disk where it has been compiled before."""
+    """Object code of a text, from disk if it was compiled before."""
     return _from_disk(name) or _kept(name, machine.object_code(text))
 
 
 def _from_disk(name: str) -> bytes | None:
-    """What was compiled before; None where there is nothing, or something broken, which is then made again."""
+    """Read object code; None where there is none or the file is damaged."""
     try:
         stored = _file(name).read_bytes()
     except OSError:
@@ -169,7 +170,7 @@ def _from_disk(name: str) -> bytes | None:
 
 
 def _kept(name: str, code: bytes) -> bytes:
-    """Keep object code for the next process, whole or not at all. Where nothing can be written, nothing is kept."""
+    """Store object code for the next process, completely or not at all."""
     file = _file(name)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What each run of a batch goes through alone, such as its own measurement, laid out for loops over time."""
+"""Signals that differ between the runs of a batch, such as measurements, laid out for loops over time."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Signals of many runs, each with its own."""
+    """Signals of many runs."""
 
     values: Float[np.ndarray, "set time signal"]  # The signals
-    set_of_run: Int[np.ndarray, " run"] | None = None  # Which of them each run has; when left out, each run has its own
+    set_of_run: Int[np.ndarray, " run"] | None = (
+        None  # index of the signals of each run; by default each run has its own
+    )
     _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -28,7 +30,7 @@ class Signals:
         return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
     def in_blocks(self, width: int) -> Float[np.ndarray, "block time signal lane"]:
-        """Put the runs of a block beside each other, so that it reads its samples one after the other."""
+        """Arrange the runs of a block next to each other, so that a block reads its samples in sequence."""
         if width not in self._in_blocks:
             sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
             filled = np.pad(sets, (0, -len(sets) % width), mode="edge")

@@ -1,4 +1,4 @@
-"""What of a function JAX does first: operations before its loops that have no vector code, such as the modes of a matrix."""
+"""Division of a function between JAX and lanes: JAX first computes what has no vector code, such as the modes of a matrix."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from structid.engine.vector_code.translation import ALONG_HISTORIES
 from structid.engine.vector_code.values import MOVES
 
 LARGEST = 256
-"""Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
+"""Largest array of one run on which vector code operates number by number; JAX computes products of larger ones."""
 
 AT_ONCE = (8, 16, 32, 64, 256)
-"""Runs that JAX does in one call: few shapes are compiled, and matrices of more runs would not stay in the caches."""
+"""Runs in one call of JAX: few shapes are compiled, and matrices of more runs would leave the caches."""
 
 
 def foreign_results(function: Function) -> list[Any]:
-    """Find results of operations on a run's numbers that have no vector code."""
+    """Find results that depend on a run's numbers and have no vector code."""
     of_run: set[Any] = set(function.invars)
     after_loop: set[Any] = set()
     foreign: set[Any] = set()
     signals, loops = set(function.invars[1:]), 0
     for equation in function.eqns:
-        taken = [atom for atom in equation.invars if not isinstance(atom, Literal)]
-        if not of_run.intersection(taken):
+        operands = [atom for atom in equation.invars if not isinstance(atom, Literal)]
+        if not of_run.intersection(operands):
             continue
         of_run.update(equation.outvars)
-        if signals.intersection(taken) and equation.primitive.name in MOVES:
+        if signals.intersection(operands) and equation.primitive.name in MOVES:
             signals.update(equation.outvars)
             continue
         if equation.primitive.name == "scan":
             loops += 1
             after_loop.update(equation.outvars)
             continue
-        if after_loop.intersection(taken):
+        if after_loop.intersection(operands):
             after_loop.update(equation.outvars)
             name = equation.primitive.name
             if _is_foreign(equation, of_run) and name not in (*MOVES, *ALONG_HISTORIES, "reduce_sum"):
                 raise UntranslatableError(f"'{name}' after the loop over time")
         elif _is_foreign(equation, of_run):
-            if signals.intersection(taken):
+            if signals.intersection(operands):
                 raise UntranslatableError(f"'{equation.primitive.name}' of signals")
             foreign.update(equation.outvars)
     if not loops:
@@ -66,17 +66,17 @@ def _is_foreign(equation: Any, of_run: set[Any]) -> bool:
 
 
 def _has_code(loop: Any) -> bool:
-    """Whether every operation of a loop of iterations has vector code."""
-    known = {*ARITHMETIC, *ARRANGEMENT, *REDUCTION, *MOVES, "scan", "while", "gather"}
+    """Whether every operation of an iterative loop has vector code."""
+    translatable = {*ARITHMETIC, *ARRANGEMENT, *REDUCTION, *MOVES, "scan", "while", "gather"}
     inside = [e for part in ("cond_jaxpr", "body_jaxpr") for e in Function.inlined(loop.params[part]).eqns]
     return all(
-        e.primitive in AXES or (_has_code(e) if e.primitive.name == "while" else e.primitive.name in known)
+        e.primitive in AXES or (_has_code(e) if e.primitive.name == "while" else e.primitive.name in translatable)
         for e in inside
     )
 
 
 def _needed(function: Function, foreign: set[Any]) -> list[Any]:
-    """Foreign results that others than foreign operations use."""
+    """Foreign results that other operations than foreign ones use."""
     needed = {atom for atom in function.outvars if not isinstance(atom, Literal)}
     for equation in function.eqns:
         if not foreign.intersection(equation.outvars):
@@ -85,28 +85,30 @@ def _needed(function: Function, foreign: set[Any]) -> list[Any]:
 
 
 def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
-    """Give what leads to some results of a function of one run, for many, inside JAX."""
-    wanted, steps = set(results), []
+    """Compute some intermediate results of a function for many runs, inside JAX."""
+    required, steps = set(results), []
     for equation in reversed(function.eqns):
-        if wanted.intersection(equation.outvars):
+        if required.intersection(equation.outvars):
             steps.append(equation)
-            wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
+            required.update(atom for atom in equation.invars if not isinstance(atom, Literal))
     steps.reverse()
 
     def of_one_run(theta: Any) -> Any:
-        known = dict(zip([*function.constvars, function.invars[0]], [*function.consts, theta[None]], strict=True))
+        values = dict(zip([*function.constvars, function.invars[0]], [*function.consts, theta[None]], strict=True))
         for equation in steps:
-            taken = [atom.val if isinstance(atom, Literal) else known[atom] for atom in equation.invars]
-            made = equation.primitive.bind(*taken, **equation.params)
-            known.update(zip(equation.outvars, made if equation.primitive.multiple_results else [made], strict=True))
-        return jnp.concatenate([jnp.ravel(known[v]).astype(float) for v in results])
+            operands = [atom.val if isinstance(atom, Literal) else values[atom] for atom in equation.invars]
+            computed = equation.primitive.bind(*operands, **equation.params)
+            values.update(
+                zip(equation.outvars, computed if equation.primitive.multiple_results else [computed], strict=True)
+            )
+        return jnp.concatenate([jnp.ravel(values[v]).astype(float) for v in results])
 
     of_runs: Callable[[Any], Any] = jax.vmap(of_one_run, out_axes=1)
     return of_runs
 
 
 def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """Compile a function of many runs, so that few shapes are compiled."""
+    """Compile a function of many runs for few batch sizes."""
     compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:

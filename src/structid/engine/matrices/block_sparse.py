@@ -1,7 +1,7 @@
-"""Sparse products and solutions of each run, with the same places for all runs: in lanes, loops over these places.
+"""Sparse products and solutions with one sparsity pattern for all runs; in lanes they are loops over the pattern.
 
-JAX has dense products and LAPACK for them; a loop in lanes would write these out, zeros and all. So what is traced for lanes
-(`row_by_row`) asks for the two operations below, which only a translator knows.
+JAX has only dense products and LAPACK, which a loop in lanes would write out with all zeros. What is traced for lanes
+(`row_by_row`) therefore uses the two primitives below, which the translator knows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from structid.engine.matrices.row_by_row import in_rows
 class SparseMatrix:
     """A matrix that all runs share."""
 
-    dense: Float[np.ndarray, "row column"] = field(repr=False)  # With its zeros
+    dense: Float[np.ndarray, "row column"] = field(repr=False)  # as a dense array
 
     def times(self, x: Float[Array, "column run"]) -> Float[Array, "row run"]:
         """Compute A x, inside JAX."""
@@ -36,7 +36,7 @@ class SparseMatrix:
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Places of the 2 × 2 blocks of a square matrix that may not be zero."""
+    """Pattern of the 2 × 2 blocks of a square matrix that may be nonzero."""
 
     # Where they are. The diagonal is among them, and with (i, j) also (j, i)
     rows: Int[np.ndarray, " block"] = field(repr=False)
@@ -46,12 +46,12 @@ class BlockPattern:
 
     @classmethod
     def of(cls, touching: Bool[np.ndarray, "size size"]) -> BlockPattern:
-        """Take the pattern of a matrix of truths."""
+        """Derive the pattern from a Boolean matrix."""
         rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
         return cls(rows, columns, len(touching))
 
     def dense(self, blocks: Float[Array, "block 2 2 run"]) -> Float[Array, "run _ _"]:
-        """Write a matrix out, inside JAX."""
+        """Assemble a dense matrix, inside JAX."""
         runs = blocks.shape[-1]
         zeros = jnp.zeros((self.size, self.size, 2, 2, runs))
         placed = zeros.at[self.rows, self.columns].set(blocks)
@@ -83,7 +83,7 @@ class BlockPattern:
 
     @cached_property
     def plan(self) -> Elimination:
-        """How the matrix is eliminated."""
+        """Plan of the elimination."""
         return elimination(self.rows, self.columns, self.size)
 
 
@@ -92,12 +92,11 @@ class BlockPattern:
 sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
 
 AXES = {sparse_times: (2,), block_times: (4, 2), block_solve: (4, 4, 2)}
-"""Axes of what each takes, for one direction. With one axis more, first, it takes an array for each of several directions, along
-which something is differentiated."""
+"""Axes of the operands for one direction. An additional first axis means several directions of differentiation."""
 
 
 def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
-    """Tell JAX shapes, and what becomes of several directions."""
+    """Register shapes and batching of a primitive with JAX."""
 
     def shape(*arrays: Any, **parameters: Any) -> Any:
         leading = [a.shape[0] for a, axes in zip(arrays, AXES[primitive], strict=True) if len(a.shape) > axes]
@@ -122,7 +121,7 @@ _define(block_solve, lambda pattern: 2 * pattern.size)
 
 
 def _each_slope(primitive: Any) -> Callable[..., Any]:
-    """Derivative of an operation that is linear in each of what it takes."""
+    """Derivatives of a primitive that is linear in each operand."""
 
     def slope(place: int) -> Callable[..., Any]:
         return lambda tangent, *arrays, **parameters: primitive.bind(

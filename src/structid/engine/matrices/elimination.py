@@ -1,4 +1,4 @@
-"""In which order the unknowns of a sparse system are eliminated, which places fill in, and the operations of LU."""
+"""Elimination order, fill-in and LU operations of a sparse system."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from jaxtyping import Int
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Places of the blocks with those that fill in, and the operations of LU without pivoting."""
+    """Positions of the blocks including fill-in, and the operations of LU without pivoting."""
 
-    order: Int[np.ndarray, " size"]  # Unknowns as they are eliminated
-    diagonal: Int[np.ndarray, " size"]  # Place of the diagonal block of each, in that order
-    given: Int[np.ndarray, " block"]  # Places of the pattern's own blocks
-    count: int  # Number of places
-    below: np.ndarray  # Places of the blocks below each pivot, one after the other, and where those of a pivot begin
+    order: Int[np.ndarray, " size"]  # unknowns in the order of elimination
+    diagonal: Int[np.ndarray, " size"]  # position of the diagonal block of each, in that order
+    given: Int[np.ndarray, " block"]  # positions of the pattern's own blocks
+    count: int  # number of positions
+    below: np.ndarray  # positions of the blocks below each pivot, and where those of a pivot start
     # Places of the blocks below each pivot, one after the other, and where those of a pivot begin
     first_below: np.ndarray
-    row_below: np.ndarray  # Unknowns of these blocks
-    beside: np.ndarray  # The same of the blocks to the right
-    first_beside: np.ndarray  # The same of the blocks to the right
-    row_beside: np.ndarray  # The same of the blocks to the right
+    row_below: np.ndarray  # unknowns of these blocks
+    beside: np.ndarray  # the same for the blocks to the right
+    first_beside: np.ndarray  # the same for the blocks to the right
+    row_beside: np.ndarray  # the same for the blocks to the right
     # For every pivot, block below and block beside it: the place that their product is subtracted from
     target: np.ndarray
-    first_target: Int[np.ndarray, " below"]  # Where those of a block below begin
+    first_target: Int[np.ndarray, " below"]  # where the targets of a block below start
 
 
 def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " block"], size: int) -> Elimination:
     """Plan the elimination of a matrix with a symmetric pattern."""
     order, filled = _minimum_degree(rows, columns, size)
-    place = {pair: number for number, pair in enumerate(sorted(filled))}
+    entry_of = {pair: number for number, pair in enumerate(sorted(filled))}
     position = {int(unknown): number for number, unknown in enumerate(order)}
     lists: dict[str, list[int]] = {n: [] for n in ("below", "row_below", "beside", "row_beside", "target")}
     firsts: dict[str, list[int]] = {n: [0] for n in ("below", "beside", "target")}
@@ -39,21 +39,21 @@ def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " bloc
         later = [int(i) for i in order[number + 1 :] if (int(i), int(k)) in filled]
         later.sort(key=lambda i: position[i])
         for i in later:
-            lists["below"].append(place[i, int(k)])
-            lists["beside"].append(place[int(k), i])
+            lists["below"].append(entry_of[i, int(k)])
+            lists["beside"].append(entry_of[int(k), i])
             lists["row_below"].append(i)
             lists["row_beside"].append(i)
-            lists["target"] += [place[i, j] for j in later]
+            lists["target"] += [entry_of[i, j] for j in later]
             firsts["target"].append(len(lists["target"]))
         firsts["below"].append(len(lists["below"]))
         firsts["beside"].append(len(lists["beside"]))
-    given = [place[int(i), int(j)] for i, j in zip(rows, columns, strict=True)]
+    given = [entry_of[int(i), int(j)] for i, j in zip(rows, columns, strict=True)]
     arrays = {name: np.array(values, dtype=np.int64) for name, values in lists.items()}
     return Elimination(
         np.array(order),
-        np.array([place[int(k), int(k)] for k in order]),
+        np.array([entry_of[int(k), int(k)] for k in order]),
         np.array(given),
-        len(place),
+        len(entry_of),
         arrays["below"],
         np.array(firsts["below"]),
         arrays["row_below"],
@@ -66,15 +66,15 @@ def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " bloc
 
 
 def _minimum_degree(rows: np.ndarray, columns: np.ndarray, size: int) -> tuple[list[int], set[tuple[int, int]]]:
-    """Order of elimination in which each time the unknown with the fewest neighbours goes, and all blocks that are then filled."""
+    """Minimum-degree ordering, and all blocks that fill in."""
     neighbours = {k: set(columns[rows == k].tolist()) - {k} for k in range(size)}
     filled = {(int(i), int(j)) for i, j in zip(rows, columns, strict=True)}
     order = []
     while neighbours:
         k = min(neighbours, key=lambda i: (len(neighbours[i]), i))
-        own = neighbours.pop(k)
-        for i in own:
-            neighbours[i] = (neighbours[i] | own) - {i, k}
-        filled |= {(i, j) for i in own for j in own}
+        neighbourhood = neighbours.pop(k)
+        for i in neighbourhood:
+            neighbours[i] = (neighbours[i] | neighbourhood) - {i, k}
+        filled |= {(i, j) for i in neighbourhood for j in neighbourhood}
         order.append(k)
     return order, filled

@@ -1,4 +1,4 @@
-"""Products with large matrices that all runs share: in lanes, row by row."""
+"""Products with large matrices that all runs share: in lanes, loops over rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _row_by_row = ContextVar("row by row", default=False)
 
 @contextlib.contextmanager
 def row_by_row() -> Iterator[None]:
-    """Let products that are traced here be loops over rows."""
+    """Make products traced inside this context loops over rows."""
     token = _row_by_row.set(True)
     try:
         yield
@@ -27,12 +27,12 @@ def row_by_row() -> Iterator[None]:
 
 
 def in_rows() -> bool:
-    """Say whether what is traced now is traced for lanes."""
+    """Whether the current trace is for lanes."""
     return _row_by_row.get()
 
 
 COLUMNS = 6
-"""Columns of a matrix that a loop over its rows multiplies at once: their sums stay in registers."""
+"""Columns that a loop over rows multiplies at once, so that their sums stay in registers."""
 
 
 def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"]) -> Float[Array, "run column"]:
@@ -45,7 +45,7 @@ def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"])
 def product_of(
     columns_of: Callable[[Any], Any], rows: Float[Array, "row ..."], matrix: Float[Array, "row column"]
 ) -> Float[Array, "run column"]:
-    """Compute X B, where a function gives the columns of X that belong to some rows of B, inside JAX."""
+    """Compute X B inside JAX, where a function gives the columns of X for some rows of B."""
     if not _row_by_row.get():
         return columns_of(rows) @ matrix
     _, columns = lax.scan(lambda _, row: (None, columns_of(row[None])[:, 0]), None, rows)

@@ -1,7 +1,7 @@
-"""Exponential and logarithm on vectors of lanes, which LLVM would otherwise ask of the C library, one lane after the other.
+"""Exponential and logarithm on vectors of lanes; LLVM would call the C library once per lane.
 
-Both follow the usual way: reduce the argument exactly, sum a series of the small rest, put the exponent's bits together (e.g.
-J.-M. Muller, "Elementary Functions", 3rd ed., ch. 11).
+Both reduce the argument exactly, sum a series of the small remainder, and assemble the exponent's bits (e.g. J.-M. Muller,
+"Elementary Functions", 3rd ed., ch. 11).
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
 LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
-"""log 2 in two parts, the first with so few digits that its products with whole numbers up to 2048 are exact."""
+"""log 2 in two parts; the first has so few digits that its products with integers up to 2048 are exact."""
 
 LARGEST_EXPONENT, SMALLEST_EXPONENT = 710.0, -707.0
-"""From the first on the exponential is infinite (a little before, too); at e⁷¹¹ the bits of 2ᵏ⁻¹ would run over their end. Below
-the second, at 1e-307, it is taken as zero."""
+"""Above the first the exponential is infinite (also slightly before it): at e⁷¹¹ the bits of 2ᵏ⁻¹ would overflow. Below the
+second, at 1e-307, it is zero."""
 
 TO_WHOLE = 1.5 * 2.0**52
-"""Added to a number of moderate size, it rounds it to a whole one, which then stands in the last bits."""
+"""Added to a number of moderate size, it rounds to an integer, which then stands in the last bits."""
 
 TO_EXPONENT = TO_WHOLE + 1022.0
-"""The same, with the whole number k put so that its bits, moved to where an exponent's are, are those of 2ᵏ⁻¹."""
+"""The same, scaled so that the bits of the integer k, shifted to the exponent, are those of 2ᵏ⁻¹."""
 
 SERIES_OF_EXPONENTIAL = (
     1.0, 1.0, 0.5000000000000001, 0.16666666666666669, 0.041666666666624164, 0.008333333333330065, 0.0013888888917196719,
     0.00019841269863040545, 2.4801521322368692e-05, 2.7557268480310024e-06, 2.7620075879983367e-07, 2.5100375832561234e-08,
 )  # fmt: skip
-"""Of eʳ on |r| ≤ ½ log 2, to 2e-17: 1 + r + r² p(r), with p through (eʳ − 1 − r)/r² at ten Chebyshev points."""
+"""Series of eʳ on |r| ≤ ½ log 2, to 2e-17: 1 + r + r² p(r), with p interpolating (eʳ − 1 − r)/r² at ten Chebyshev points."""
 
 MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
-"""Bits of a float's mantissa, and those of 1.0."""
+"""Mantissa bits of a double, and the bits of 1.0."""
 
 SMALLEST_NORMAL = 2.0**-1022
 
@@ -53,8 +53,8 @@ def exponential(code: VectorCode, x: Number) -> Number:
     # 2 eʳ times 2ᵏ⁻¹: the bits of 2¹⁰²⁴ would be infinity's.
     twice = _polynomial(code, [2.0 * c for c in SERIES_OF_EXPONENTIAL], rest)
     power_of_two = code.cast("bitcast", code.operation("shl", [_bits(code, shifted), 52], "i64"), "double")
-    found = code.operation(f"fmul {FLAGS}", [twice, power_of_two])
-    return code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), 0.0, found)
+    result = code.operation(f"fmul {FLAGS}", [twice, power_of_two])
+    return code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), 0.0, result)
 
 
 def logarithm(code: VectorCode, x: Number) -> Number:
@@ -81,21 +81,21 @@ def logarithm(code: VectorCode, x: Number) -> Number:
     atanh = _multiply_add(
         code, s, code.operation(f"fsub {FLAGS}", [code.operation(f"fmul {FLAGS}", [square, series]), f]), f
     )
-    found: Number = _multiply_add(code, exponent, LOG_2_HIGH, _multiply_add(code, exponent, LOG_2_LOW, atanh))
-    found = code.select(_compare(code, "oeq", x, math.inf), math.inf, found)
-    found = code.select(_compare(code, "oeq", x, 0.0), -math.inf, found)
-    return code.select(_compare(code, "uge", x, 0.0), code.select(_compare(code, "uno", x, x), x, found), math.nan)
+    result: Number = _multiply_add(code, exponent, LOG_2_HIGH, _multiply_add(code, exponent, LOG_2_LOW, atanh))
+    result = code.select(_compare(code, "oeq", x, math.inf), math.inf, result)
+    result = code.select(_compare(code, "oeq", x, 0.0), -math.inf, result)
+    return code.select(_compare(code, "uge", x, 0.0), code.select(_compare(code, "uno", x, x), x, result), math.nan)
 
 
 def logarithm_of_one_plus(code: VectorCode, x: Number) -> Number:
-    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose error the quotient takes back (W. Kahan)."""
+    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose rounding error the quotient cancels (W. Kahan)."""
     if not isinstance(x, Register):
         return math.log1p(x) if x > -1 else -math.inf if x == -1 else math.nan
     u = code.operation("fadd", [x, 1.0])
     lost = code.operation("fsub", [u, 1.0])
-    found: Number = code.operation(f"fmul {FLAGS}", [logarithm(code, u), code.operation("fdiv", [x, lost])])
-    found = code.select(_compare(code, "oeq", u, math.inf), math.inf, found)
-    return code.select(_compare(code, "oeq", lost, 0.0), x, found)
+    result: Number = code.operation(f"fmul {FLAGS}", [logarithm(code, u), code.operation("fdiv", [x, lost])])
+    result = code.select(_compare(code, "oeq", u, math.inf), math.inf, result)
+    return code.select(_compare(code, "oeq", lost, 0.0), x, result)
 
 
 def _compare(code: VectorCode, words: str, a: Number, b: Number) -> Register:
@@ -103,12 +103,12 @@ def _compare(code: VectorCode, words: str, a: Number, b: Number) -> Register:
 
 
 def _multiply_add(code: VectorCode, a: Number, b: Number, c: Number) -> Register:
-    """A b + c, in one operation where the machine has one."""
+    """A b + c, fused where the machine has such an operation."""
     return code.operation(f"fadd {FLAGS}", [code.operation(f"fmul {FLAGS}", [a, b]), c])
 
 
 def _polynomial(code: VectorCode, coefficients: Sequence[Number], x: Number) -> Number:
-    """Σ cᵢ xⁱ by Estrin's scheme: neighbours are joined until one is left, so that few operations wait for each other."""
+    """Σ cᵢ xⁱ by Estrin's scheme: pairs are combined, so that few operations wait for each other."""
     while len(coefficients) > 1:
         pairs = [coefficients[i : i + 2] for i in range(0, len(coefficients), 2)]
         coefficients = [_multiply_add(code, pair[1], x, pair[0]) if len(pair) == 2 else pair[0] for pair in pairs]

@@ -1,4 +1,4 @@
-"""What each primitive operation of JAX is in vector code: one table for arithmetic, one for moving numbers about.
+"""Vector code of JAX's primitive operations: one table for arithmetic, one for rearrangement.
 
 An array is a NumPy array of numbers: constants, or registers of the code.
 """
@@ -21,7 +21,7 @@ Parameters = Mapping[str, Any]
 
 
 class UntranslatableError(Exception):
-    """Something in a loop over time has no vector code; the loop is left to JAX."""
+    """An operation in a loop over time has no vector code; the loop is left to JAX."""
 
 
 # --- arithmetic -----------------------------------------------------------------------------------------------------
@@ -100,8 +100,8 @@ def _logistic(code: VectorCode, _: Parameters, x: Number) -> Number:
 def _smaller_or_larger(words: str) -> Callable[..., Number]:
     def chosen(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
         # A NaN on either side stays one, as in NumPy.
-        found = code.select(code.operation(f"fcmp {words}", [a, b], result="i1"), a, b)
-        return code.select(code.operation("fcmp uno", [a, a], result="i1"), a, found)
+        result = code.select(code.operation(f"fcmp {words}", [a, b], result="i1"), a, b)
+        return code.select(code.operation("fcmp uno", [a, a], result="i1"), a, result)
 
     return chosen
 
@@ -120,14 +120,14 @@ def _finite(code: VectorCode, _: Parameters, x: Number) -> Number:
 
 
 def _converted(code: VectorCode, parameters: Parameters, x: Number) -> Number:
-    wanted = np.dtype(parameters["new_dtype"])
+    dtype = np.dtype(parameters["new_dtype"])
     if not isinstance(x, Register):
-        return wanted.type(x).item()
-    if wanted == np.float64:
+        return dtype.type(x).item()
+    if dtype == np.float64:
         return code.cast("uitofp", x, "double") if x.kind == "i1" else x
-    if wanted == np.bool_:
+    if dtype == np.bool_:
         return x if x.kind == "i1" else code.operation("fcmp une", [x, 0.0], result="i1")
-    raise UntranslatableError(f"a number turned into {wanted}")
+    raise UntranslatableError(f"a number turned into {dtype}")
 
 
 def _bounded(code: VectorCode, parameters: Parameters, low: Number, x: Number, high: Number) -> Number:
@@ -175,7 +175,7 @@ ARITHMETIC: dict[str, Callable[..., Number]] = {
     "stop_gradient": lambda code, _, x: x,
     "copy": lambda code, _, x: x,
 }
-"""What a primitive does with one number of each of its arrays: ``function(code, parameters, *numbers)``."""
+"""Elementwise primitives: ``function(code, parameters, *numbers)`` on one number of each array."""
 
 
 # --- moving numbers about -------------------------------------------------------------------------------------------
@@ -184,7 +184,7 @@ ARITHMETIC: dict[str, Callable[..., Number]] = {
 def _slice(parameters: Parameters, x: Array) -> Array:
     strides = parameters["strides"] or (1,) * x.ndim
     places = zip(parameters["start_indices"], parameters["limit_indices"], strides, strict=True)
-    return x[tuple(slice(*place) for place in places)]
+    return x[tuple(slice(*index) for index in places)]
 
 
 def _broadcast(parameters: Parameters, x: Array) -> Array:
@@ -198,9 +198,9 @@ def _padded(parameters: Parameters, x: Array, value: Array) -> Array:
     if any(low < 0 or high < 0 or inner for low, high, inner in parameters["padding_config"]):
         raise UntranslatableError("a pad that removes")
     widths = [(low, high) for low, high, _ in parameters["padding_config"]]
-    found = np.full([n + low + high for n, (low, high) in zip(x.shape, widths, strict=True)], value[()], dtype=object)
-    found[tuple(slice(low, low + n) for n, (low, _) in zip(x.shape, widths, strict=True))] = x
-    return found
+    result = np.full([n + low + high for n, (low, high) in zip(x.shape, widths, strict=True)], value[()], dtype=object)
+    result[tuple(slice(low, low + n) for n, (low, _) in zip(x.shape, widths, strict=True))] = x
+    return result
 
 
 ARRANGEMENT: dict[str, Callable[..., Array]] = {
@@ -215,14 +215,14 @@ ARRANGEMENT: dict[str, Callable[..., Array]] = {
     "stack": lambda parameters, *parts: np.stack(parts, axis=parameters["axis"]),
     "pad": _padded,
 }
-"""What a primitive does with whole arrays: ``function(parameters, *arrays)``."""
+"""Rearranging primitives: ``function(parameters, *arrays)`` on whole arrays."""
 
 
 # --- sums -----------------------------------------------------------------------------------------------------------
 
 
 def _total(code: VectorCode, numbers: Sequence[Number]) -> Number:
-    """Sum, without the zeros."""
+    """Sum of numbers, skipping zeros."""
     counting = [n for n in numbers if isinstance(n, Register) or n != 0.0]
     if not counting:
         return 0.0
@@ -238,31 +238,31 @@ def _reduced(parameters: Parameters, x: Array, reduce: Callable[[list[Number]], 
     axes = tuple(parameters["axes"])
     kept = [n for axis, n in enumerate(x.shape) if axis not in axes]
     rows = np.moveaxis(x, axes, range(-len(axes), 0)).reshape(int(np.prod(kept)), -1)
-    found = np.empty(len(rows), dtype=object)
-    for place, row in enumerate(rows):
-        found[place] = reduce(list(row))
-    return found.reshape(kept)
+    result = np.empty(len(rows), dtype=object)
+    for index, row in enumerate(rows):
+        result[index] = reduce(list(row))
+    return result.reshape(kept)
 
 
 def product_of_matrices(code: VectorCode, parameters: Parameters, a: Array, b: Array) -> Array:
-    """Sum products over shared axes; products with a constant zero are left out."""
+    """Sum of products over shared axes; products with a constant zero are skipped."""
     (sum_a, sum_b), (batch_a, batch_b) = parameters["dimension_numbers"]
     left = _grouped(a, batch_a, sum_a)
     right = _grouped(b, batch_b, sum_b)
-    found = np.empty((left.shape[0], left.shape[1], right.shape[1]), dtype=object)
-    for place in np.ndindex(found.shape):
-        batch, i, j = place
-        found[place] = _total(code, [_times(code, p, q) for p, q in zip(left[batch, i], right[batch, j], strict=True)])
+    result = np.empty((left.shape[0], left.shape[1], right.shape[1]), dtype=object)
+    for index in np.ndindex(result.shape):
+        batch, i, j = index
+        result[index] = _total(code, [_times(code, p, q) for p, q in zip(left[batch, i], right[batch, j], strict=True)])
     own_a = [n for axis, n in enumerate(a.shape) if axis not in (*batch_a, *sum_a)]
     own_b = [n for axis, n in enumerate(b.shape) if axis not in (*batch_b, *sum_b)]
-    return found.reshape([a.shape[axis] for axis in batch_a] + own_a + own_b)
+    return result.reshape([a.shape[axis] for axis in batch_a] + own_a + own_b)
 
 
 def _grouped(x: Array, batch: Sequence[int], summed: Sequence[int]) -> Array:
-    """The same as (batch, own, summed)."""
-    own = [axis for axis in range(x.ndim) if axis not in (*batch, *summed)]
-    size = [int(np.prod([x.shape[axis] for axis in axes])) for axes in (batch, own, summed)]
-    return x.transpose([*batch, *own, *summed]).reshape(size)
+    """Transpose and reshape to (batch, remaining, summed)."""
+    remaining = [axis for axis in range(x.ndim) if axis not in (*batch, *summed)]
+    size = [int(np.prod([x.shape[axis] for axis in axes])) for axes in (batch, remaining, summed)]
+    return x.transpose([*batch, *remaining, *summed]).reshape(size)
 
 
 def _times(code: VectorCode, a: Number, b: Number) -> Number:
@@ -273,7 +273,7 @@ def _times(code: VectorCode, a: Number, b: Number) -> Number:
 
 
 def truth_over(words: str) -> Callable[..., Array]:
-    """Join truths along axes."""
+    """Combine Booleans along axes."""
 
     def joined(code: VectorCode, parameters: Parameters, x: Array) -> Array:
         return _reduced(
@@ -284,7 +284,7 @@ def truth_over(words: str) -> Callable[..., Array]:
 
 
 def extreme_over(words: str) -> Callable[..., Array]:
-    """Find the smallest or largest number along axes."""
+    """Minimum or maximum along axes."""
     chosen = _smaller_or_larger(words)
 
     def extreme(code: VectorCode, parameters: Parameters, x: Array) -> Array:
@@ -301,4 +301,4 @@ REDUCTION: dict[str, Callable[..., Array]] = {
     "reduce_or": truth_over("or"),
     "dot_general": product_of_matrices,
 }
-"""What a primitive does with whole arrays in arithmetic: ``function(code, parameters, *arrays)``."""
+"""Reducing primitives: ``function(code, parameters, *arrays)`` on whole arrays."""

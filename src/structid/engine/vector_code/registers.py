@@ -1,4 +1,4 @@
-"""Numbers in vector code: constants in the text, and registers."""
+"""Numbers in vector code: constants and registers."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Register:
-    """A number that is known when the code runs."""
+    """A number known at run time."""
 
-    name: str  # Its name in the text
-    kind: str  # What it is
-    lanes: bool  # Whether each lane has its own
+    name: str  # name in the text
+    kind: str  # LLVM type
+    lanes: bool  # whether each lane has its own value
 
 
 Number = float | bool | int | Register
-"""A constant, or a register."""
+"""A constant or a register."""
 
 
 def constant(number: Any, kind: str) -> str:
-    """Write a constant, to its last bit."""
+    """Write a constant, exact to its last bit."""
     if kind == "double":
         return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
     return ("true" if number else "false") if kind == "i1" else str(int(number))

@@ -1,4 +1,4 @@
-"""Numbers that all runs share, in one table that a kernel is given: other numbers, and longer rows of them, need no other code."""
+"""Numbers that all runs share, in one table passed to the kernel, so that other values and longer rows need no new code."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from structid.engine.vector_code.vector_code import VectorCode
 
 
 class SharedNumbers:
-    """The table as it grows, and the text that reads it.
+    """The table of shared numbers, and the text that reads it.
 
-    First come the numbers that the text knows by their places, then long arrays, whose places and lengths are among the former.
+    First come the numbers that the text addresses by position, then long arrays, whose positions and lengths are among the
+    former.
     """
 
     def __init__(self, code: VectorCode) -> None:
@@ -24,51 +25,51 @@ class SharedNumbers:
 
     @property
     def values(self) -> np.ndarray:
-        """The whole table. Whole numbers stand in it by their bits."""
+        """The whole table; integers are stored by their bits."""
         table = np.concatenate([np.array(self._numbers or [0.0]), *self._rows.values()])
         whole, arrays = table.view(np.int64), self.arrays
-        for key, (place, _) in self._whole.items():
-            whole[place] = arrays[key] if isinstance(key, bytes) else key[0]
+        for key, (position, _) in self._whole.items():
+            whole[position] = arrays[key] if isinstance(key, bytes) else key[0]
         return table
 
     @property
     def arrays(self) -> dict[bytes, int]:
-        """Where each long array begins in the table."""
+        """Position of each long array in the table."""
         lengths = [max(len(self._numbers), 1), *map(len, self._rows.values())]
         return dict(zip(self._rows, np.cumsum(lengths).tolist(), strict=False))
 
     def loaded(self, values: np.ndarray) -> list[Register]:
-        """Load an array, number by number, once and before anything else."""
+        """Load an array number by number, once, at the start of the function."""
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         first = self._places.setdefault(flat.tobytes(), len(self._numbers))
         if first == len(self._numbers):
             self._numbers += flat.tolist()
-        for place in range(first, first + len(flat)):
-            if place not in self._loaded:
-                self._loaded[place] = self._code.load_once("%shared", place)
-        return [self._loaded[place] for place in range(first, first + len(flat))]
+        for position in range(first, first + len(flat)):
+            if position not in self._loaded:
+                self._loaded[position] = self._code.load_once("%shared", position)
+        return [self._loaded[position] for position in range(first, first + len(flat))]
 
     def length(self, length: int) -> str:
-        """Let the table say how long something is."""
+        """Register a length in the table."""
         # Lengths that are equal by chance have places of their own: the text is the same for any lengths.
         return self._whole_number((length, len(self._whole)))
 
     def place(self, values: np.ndarray) -> str:
-        """Put in a long array."""
+        """Append a long array."""
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         self._rows[flat.tobytes()] = flat
         return self._whole_number(flat.tobytes())
 
     def at(self, place: str, count: int) -> list[Register]:
-        """Load some numbers where they are wanted."""
+        """Load some numbers where they are needed."""
         code = self._code
         places = [code.address("%shared", code.whole("add", place, index)) for index in range(count)]
         return [code.load(at, lanes=False) for at in places]
 
     def _whole_number(self, key: bytes | tuple[int, int]) -> str:
-        """Name of a length, or of the place of a long array, which is known when everything is there."""
+        """Name of a length or position, which is known when the table is complete."""
         if key not in self._whole:
-            place = len(self._numbers)
-            self._whole[key] = place, self._code.load_once("%shared", place, "i64").name
+            position = len(self._numbers)
+            self._whole[key] = position, self._code.load_once("%shared", position, "i64").name
             self._numbers.append(0.0)
         return self._whole[key][1]

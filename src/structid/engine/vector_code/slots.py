@@ -1,4 +1,4 @@
-"""Numbers in memory while a loop runs: those that change from pass to pass, and small tables."""
+"""Numbers in memory during a loop: those that change from pass to pass, and small tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from structid.engine.vector_code.vector_code import VectorCode
 
 
 class Slots:
-    """An array of numbers that changes from pass to pass of a loop, each lane with its own."""
+    """An array of numbers that change from pass to pass of a loop, separately for each lane."""
 
     def __init__(self, code: VectorCode, start: Array) -> None:
         self._code, self._shape = code, start.shape
@@ -21,24 +21,24 @@ class Slots:
 
     def read(self) -> Array:
         """Load the numbers."""
-        found = [self._code.load(p, lanes=True, kind=k) for p, k in zip(self._places, self._kinds, strict=True)]
-        return array_of(found, self._shape)
+        numbers = [self._code.load(p, lanes=True, kind=k) for p, k in zip(self._places, self._kinds, strict=True)]
+        return array_of(numbers, self._shape)
 
     def write(self, numbers: Array) -> None:
         """Store the numbers."""
-        for number, place, kind in zip(numbers.reshape(-1), self._places, self._kinds, strict=True):
-            self._code.store(number, place, lanes=True, kind=kind)
+        for number, address, kind in zip(numbers.reshape(-1), self._places, self._kinds, strict=True):
+            self._code.store(number, address, lanes=True, kind=kind)
 
 
 def kind_of(number: Number) -> str:
-    """Say what a number is."""
+    """LLVM type of a number."""
     if isinstance(number, Register):
         return number.kind
     return "i1" if isinstance(number, (bool, np.bool_)) else "double"
 
 
 class Table:
-    """A small array of registers whose rows a loop takes one after the other, kept in memory."""
+    """A small array of registers in memory, whose rows a loop reads in turn."""
 
     def __init__(self, code: VectorCode, numbers: Array) -> None:
         self._code, self._shape = code, numbers.shape[1:]
@@ -53,4 +53,4 @@ class Table:
         code, count = self._code, int(np.prod(self._shape))
         first = code.whole("mul", at, count)
         places = [code.address(self._place, code.whole("add", first, i), self._lanes) for i in range(count)]
-        return array_of([code.load(place, self._lanes) for place in places], self._shape)
+        return array_of([code.load(address, self._lanes) for address in places], self._shape)

@@ -1,4 +1,4 @@
-"""Sparse products and solutions as vector code: loops over places, on numbers in memory."""
+"""Sparse products and solutions as vector code: loops over positions, on numbers in memory."""
 
 from __future__ import annotations
 
@@ -19,48 +19,48 @@ from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 
 class _Writer:
-    """Loops over places, on numbers in memory."""
+    """Writes loops over positions, on numbers in memory."""
 
     def __init__(self, code: VectorCode, shared: SharedNumbers) -> None:
         self.code, self.shared = code, shared
 
     def table(self, places: np.ndarray) -> str:
-        """Put whole numbers into the table of shared numbers; the name of the place of the first."""
+        """Put integers into the table of shared numbers; return the name of the first one's position."""
         return self.shared.place(np.ascontiguousarray(places, dtype=np.int64).view(np.float64))
 
     def entry(self, table: str, at: str | int) -> str:
-        """Name of a whole number of a table."""
+        """Name of an integer of a table."""
         code = self.code
-        place = code.address("%shared", code.whole("add", table, at))
-        return code.load(place, lanes=False, kind="i64").name
+        address = code.address("%shared", code.whole("add", table, at))
+        return code.load(address, lanes=False, kind="i64").name
 
     def memory(self, numbers: Sequence[Number] | int) -> str:
-        """Set memory aside, for so many numbers or with these."""
+        """Reserve memory for a count of numbers, or for given ones."""
         if isinstance(numbers, int):
             return self.code.slot(lanes=True, count=numbers)
-        place = self.code.slot(lanes=True, count=len(numbers))
+        address = self.code.slot(lanes=True, count=len(numbers))
         for index, number in enumerate(numbers):
-            self.code.store(number, self.code.address(place, index, lanes=True), lanes=True)
-        return place
+            self.code.store(number, self.code.address(address, index, lanes=True), lanes=True)
+        return address
 
     def of(self, value: Value, numbers: Any) -> str:
         """Memory with the numbers of an array."""
         return value.place if isinstance(value, InMemory) else self.memory(list(numbers(value).reshape(-1)))
 
     def load(self, base: str, at: str | int) -> Number:
-        """A number of each lane."""
+        """Load a number of each lane."""
         return self.code.load(self.code.address(base, at, lanes=True), lanes=True)
 
     def store(self, number: Number, base: str, at: str | int) -> None:
         self.code.store(number, self.code.address(base, at, lanes=True), lanes=True)
 
     def block(self, base: str, place: str) -> list[Number]:
-        """The four numbers of a block, row by row."""
+        """Load the four numbers of a block, row by row."""
         first = self.code.whole("mul", place, 4)
         return [self.load(base, self.code.whole("add", first, i)) for i in range(4)]
 
     def pair(self, base: str, place: str) -> list[Number]:
-        """Two numbers of a vector."""
+        """Load two numbers of a vector."""
         first = self.code.whole("mul", place, 2)
         return [self.load(base, self.code.whole("add", first, i)) for i in range(2)]
 
@@ -123,7 +123,7 @@ class _Writer:
             self.store(0.0, base, at)
 
     def between(self, firsts: str, at: str) -> tuple[str, str]:
-        """Beginning and number of the entries of a list that belong to one of its parts."""
+        """Start and count of the entries of a list that belong to one index."""
         begin = self.entry(firsts, at)
         return begin, self.code.whole("sub", self.entry(firsts, self.code.whole("add", at, 1)), begin)
 
@@ -135,12 +135,12 @@ class _Writer:
 class _Operand:
     """An array in memory, or one for each of several directions."""
 
-    place: str  # Name of the address of its first number
-    size: int  # Numbers of the array of one direction
-    several: bool  # Whether there are several
+    place: str  # name of the address of its first number
+    size: int  # numbers of the array of one direction
+    several: bool  # whether there are several directions
 
     def along(self, code: VectorCode, direction: str) -> str:
-        """Name of the address of the first number that belongs to a direction."""
+        """Name of the address of the first number of a direction."""
         if not self.several:
             return self.place
         return code.address(self.place, code.whole("mul", direction, self.size), lanes=True)
@@ -155,14 +155,14 @@ def written(
     numbers: Any,
     shape: tuple[int, ...],
 ) -> Array:
-    """Write one of the operations as vector code."""
+    """Write one of the sparse operations as vector code."""
     writer, rows, directions = _Writer(code, shared), shape[-2], math.prod(shape[:-2])
     operands = []
     for value, axes in zip(taken, AXES[primitive], strict=True):
         of_value = value.values.shape if isinstance(value, Shared) else value.shape
         several = len(of_value) > axes
         operands.append(_Operand(writer.of(value, numbers), math.prod(of_value[several:]), several))
-    found = _Operand(writer.memory(directions * rows), rows, len(shape) > 2)
+    result = _Operand(writer.memory(directions * rows), rows, len(shape) > 2)
     operation: Callable[..., None] = _sparse_times if primitive is sparse_times else _block_times
     if primitive is block_solve:
         # One matrix for all directions.
@@ -170,8 +170,8 @@ def written(
         factors = _factors(writer, parameters["pattern"], *(operand.place for operand in of_matrix))
         operation, operands = functools.partial(_substituted, factors=factors), [right]
     with code.loop(directions) as direction:
-        operation(writer, *parameters.values(), *(o.along(code, direction) for o in (*operands, found)))
-    return writer.loaded(found.place, shape)
+        operation(writer, *parameters.values(), *(o.along(code, direction) for o in (*operands, result)))
+    return writer.loaded(result.place, shape)
 
 
 def _sparse_times(writer: _Writer, matrix: SparseMatrix, x: str, found: str) -> None:
@@ -184,9 +184,9 @@ def _sparse_times(writer: _Writer, matrix: SparseMatrix, x: str, found: str) -> 
         begin, count = writer.between(firsts_at, row)
         writer.store(0.0, total, 0)
         with code.loop(count) as at:
-            place = code.whole("add", begin, at)
-            value = code.load(code.address("%shared", code.whole("add", values, place)), lanes=False)
-            product = (value, writer.load(x, writer.entry(columns_at, place)))
+            index = code.whole("add", begin, at)
+            value = code.load(code.address("%shared", code.whole("add", values, index)), lanes=False)
+            product = (value, writer.load(x, writer.entry(columns_at, index)))
             writer.store(writer.sum_of_products(product, beside=writer.load(total, 0)), total, 0)
         writer.store(writer.load(total, 0), found, row)
 
@@ -201,7 +201,7 @@ def _block_times(writer: _Writer, pattern: BlockPattern, blocks: str, x: str, fo
 
 
 def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str) -> str:
-    """LU of I + A D by blocks, without pivoting: memory with L below, U beside, and the inverses of the pivots."""
+    """LU of I + A D by blocks without pivoting: memory with L below, U beside, and the inverse pivots."""
     plan, code = pattern.plan, writer.code
     matrix = writer.memory(4 * plan.count)
     writer.zeros(matrix, 4 * plan.count)
@@ -226,13 +226,13 @@ def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str)
             targets = writer.entry(first_target, at)
             with code.loop(count) as across:
                 upper = writer.block(matrix, writer.entry(beside, code.whole("add", begin, across)))
-                place = writer.entry(target, code.whole("add", targets, across))
-                writer.put(writer.block_times_block(lower, upper, writer.block(matrix, place)), matrix, place)
+                position = writer.entry(target, code.whole("add", targets, across))
+                writer.put(writer.block_times_block(lower, upper, writer.block(matrix, position)), matrix, position)
     return matrix
 
 
 def _substituted(writer: _Writer, pattern: BlockPattern, right: str, x: str, factors: str) -> None:
-    """Both substitutions."""
+    """Forward and backward substitution."""
     plan, code = pattern.plan, writer.code
     with code.loop(2 * pattern.size) as at:
         writer.store(writer.load(right, at), x, at)
@@ -240,18 +240,18 @@ def _substituted(writer: _Writer, pattern: BlockPattern, right: str, x: str, fac
     below, row_below, first_below = (writer.table(t) for t in (plan.below, plan.row_below, plan.first_below))
     beside, row_beside, first_beside = (writer.table(t) for t in (plan.beside, plan.row_beside, plan.first_beside))
     with code.loop(pattern.size) as k:
-        own = writer.pair(x, writer.entry(order, k))
+        pivot_pair = writer.pair(x, writer.entry(order, k))
         begin, count = writer.between(first_below, k)
         with code.loop(count) as number:
             at = code.whole("add", begin, number)
             row = writer.entry(row_below, at)
             lower = writer.block(factors, writer.entry(below, at))
-            writer.put(writer.block_times_pair(lower, own, writer.pair(x, row)), x, row)
+            writer.put(writer.block_times_pair(lower, pivot_pair, writer.pair(x, row)), x, row)
     with code.loop(pattern.size) as done:
         k = code.whole("sub", pattern.size - 1, done)
         unknown = writer.entry(order, k)
-        own = writer.pair(x, unknown)
-        sums = writer.memory(own)
+        pivot_pair = writer.pair(x, unknown)
+        sums = writer.memory(pivot_pair)
         begin, count = writer.between(first_beside, k)
         with code.loop(count) as number:
             at = code.whole("add", begin, number)

@@ -1,4 +1,4 @@
-"""From a jaxpr, JAX's list of primitive operations on one run, to vector code for many."""
+"""Translation of a jaxpr, JAX's list of primitive operations on one run, to vector code for many runs."""
 
 from __future__ import annotations
 
@@ -36,19 +36,20 @@ from structid.engine.vector_code.values import (
 from structid.engine.vector_code.vector_code import VectorCode
 
 LARGEST_ARRAY = 4096
-"""Largest array whose numbers are operated on one by one."""
+"""Largest array on which operations are written number by number."""
 
 LARGEST_ROW = 256
-"""Largest part of a history whose numbers are operated on one by one, and largest row of a shared array that is loaded whole."""
+"""Largest part of a history on which operations are written number by number, and largest row of a shared array that is loaded
+whole."""
 
 LARGEST_SHARED_ROW = 2048
-"""Largest row of a shared array whose numbers are operated on one by one: hundreds of components of three channels."""
+"""Largest row of a shared array on which operations are written number by number: hundreds of components of three channels."""
 
 ALONG_HISTORIES = {"add", "sub", "mul", "div", "neg", "abs", "sqrt", "exp", "log", "square", "integer_pow"}
-"""Arithmetic that is done in a loop where it takes a whole history."""
+"""Arithmetic that becomes a loop where its operand is a whole history."""
 
 LONGEST_UNROLLED = 16
-"""Passes of a loop that stays what it is in the text; those of longer ones are given to the kernel."""
+"""Number of passes up to which it is fixed in the text; larger numbers are passed to the kernel."""
 
 
 class Translator:
@@ -62,52 +63,54 @@ class Translator:
     def function(
         self, function: Function, arguments: Sequence[Value], given: Mapping[Any, Value] | None = None
     ) -> list[Value]:
-        """Write a function."""
+        """Write all operations of a function."""
         consts = [c if isinstance(c, (Shared, History)) else Shared(np.asarray(c)) for c in function.consts]
-        known: dict[Any, Value] = dict(zip([*function.constvars, *function.invars], [*consts, *arguments], strict=True))
-        known.update(given or {})
+        values: dict[Any, Value] = dict(
+            zip([*function.constvars, *function.invars], [*consts, *arguments], strict=True)
+        )
+        values.update(given or {})
 
         def read(atom: Any) -> Value:
-            return np.asarray(atom.val) if isinstance(atom, Literal) else known[atom]
+            return np.asarray(atom.val) if isinstance(atom, Literal) else values[atom]
 
         # Backwards, so that nothing is written that only leads to what is given.
-        wanted, steps = {v for v in function.outvars if not isinstance(v, Literal)}, []
+        required, steps = {v for v in function.outvars if not isinstance(v, Literal)}, []
         for equation in reversed(function.eqns):
-            if not known.keys() >= wanted.intersection(equation.outvars):
+            if not values.keys() >= required.intersection(equation.outvars):
                 steps.append(equation)
-                wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
+                required.update(atom for atom in equation.invars if not isinstance(atom, Literal))
         for equation in reversed(steps):
-            taken = [read(atom) for atom in equation.invars]
-            made = self._operation(equation.primitive, equation.params, taken, equation.outvars[0].aval.shape)
-            known.update(zip(equation.outvars, made, strict=True))
+            operands = [read(atom) for atom in equation.invars]
+            results = self._operation(equation.primitive, equation.params, operands, equation.outvars[0].aval.shape)
+            values.update(zip(equation.outvars, results, strict=True))
         return [read(atom) for atom in function.outvars]
 
     def _operation(
-        self, primitive: Any, parameters: dict[str, Any], taken: list[Value], shape: tuple[int, ...]
+        self, primitive: Any, parameters: dict[str, Any], operands: list[Value], shape: tuple[int, ...]
     ) -> list[Value]:
         """Results of an operation; `shape` is that of the first."""
         name = primitive.name
-        if all(is_known(x) for x in taken):
-            return computed_now(primitive, parameters, taken)
+        if all(is_known(x) for x in operands):
+            return computed_now(primitive, parameters, operands)
         if name == "scan":
-            return self._loop(parameters, taken)
+            return self._loop(parameters, operands)
         if name == "while":
-            return self._while(parameters, taken)
+            return self._while(parameters, operands)
         if primitive in AXES:
-            return [written(primitive, self.code, self.shared, parameters, taken, self.numbers, shape)]
-        if isinstance(taken[0], History) and name in MOVES:
-            found = moved(name, parameters, taken[0], shape)
-            if found is not None:
-                return [found]
-        if not self._depth and any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in taken):
+            return [written(primitive, self.code, self.shared, parameters, operands, self.numbers, shape)]
+        if isinstance(operands[0], History) and name in MOVES:
+            result = moved(name, parameters, operands[0], shape)
+            if result is not None:
+                return [result]
+        if not self._depth and any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in operands):
             # An array that is repeated along another axis has no number for each number of the result.
-            if name in ALONG_HISTORIES and {size_of(x) for x in taken} <= {1, math.prod(shape)}:
-                return [self._number_by_number(ARITHMETIC[name], parameters, taken, shape)]
-            if name == "reduce_sum" and isinstance(taken[0], History) and math.prod(shape) == 1:
-                return [self._sum_of_history(taken[0], shape)]
-        if name == "gather" and is_known(taken[1]):
-            return [gathered(primitive, parameters, self.numbers(taken[0]), known_values(taken[1]))]
-        arrays = [self.numbers(x) for x in taken]
+            if name in ALONG_HISTORIES and {size_of(x) for x in operands} <= {1, math.prod(shape)}:
+                return [self._number_by_number(ARITHMETIC[name], parameters, operands, shape)]
+            if name == "reduce_sum" and isinstance(operands[0], History) and math.prod(shape) == 1:
+                return [self._sum_of_history(operands[0], shape)]
+        if name == "gather" and is_known(operands[1]):
+            return [gathered(primitive, parameters, self.numbers(operands[0]), known_values(operands[1]))]
+        arrays = [self.numbers(x) for x in operands]
         if name in ARITHMETIC:
             return [_elementwise(ARITHMETIC[name], self.code, parameters, arrays)]
         if name in ARRANGEMENT:
@@ -117,7 +120,7 @@ class Translator:
         raise UntranslatableError(f"the operation '{name}'")
 
     def numbers(self, value: Value) -> Array:
-        """Numbers of an array, to be operated on one by one."""
+        """Numbers of an array, for elementwise operations."""
         if isinstance(value, History):
             if size_of(value) > LARGEST_ROW:
                 raise UntranslatableError("arithmetic on a whole history")
@@ -126,22 +129,22 @@ class Translator:
             return value
         if isinstance(value, InMemory):
             places = [self.code.address(value.place, i, lanes=True) for i in range(size_of(value))]
-            return array_of([self.code.load(place, lanes=True) for place in places], value.shape)
+            return array_of([self.code.load(address, lanes=True) for address in places], value.shape)
         if isinstance(value, SharedRow):
             if size_of(value) > LARGEST_SHARED_ROW:
                 raise UntranslatableError("arithmetic on a long row of an array")
             return array_of(self.shared.at(value.place, size_of(value)), value.shape)
         if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
             raise UntranslatableError(f"an array of {value.values.size} numbers of kind {value.values.dtype}")
-        found = self.shared.loaded(value.values)
+        result = self.shared.loaded(value.values)
         if value.values.dtype == np.bool_:
-            found = [self.code.operation("fcmp une", [number, 0.0], result="i1") for number in found]
-        return array_of(found, value.values.shape)
+            result = [self.code.operation("fcmp une", [number, 0.0], result="i1") for number in result]
+        return array_of(result, value.values.shape)
 
     # --- loops --------------------------------------------------------------------------------------------------
 
     def _loop(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
-        """A loop over time, or one inside its step, such as that over the substeps of a sample."""
+        """Write a loop over time, or a loop inside its step, such as that over the substeps of a sample."""
         if parameters["reverse"]:
             raise UntranslatableError("a loop that runs backwards")
         constants, carried = constants_and_carried(parameters)
@@ -158,16 +161,16 @@ class Translator:
         self._depth += 1
         with self.code.loop(self._passes(length, series)) as at:
             rows = [table(at) for table in tables]
-            made = self.function(of_a_pass, [*fixed, *(s.read() for s in state), *rows])
-            for history, value in zip(kept, made[carried:], strict=True):
+            results = self.function(of_a_pass, [*fixed, *(s.read() for s in state), *rows])
+            for history, value in zip(kept, results[carried:], strict=True):
                 self._keep(history, at, self.numbers(value))
-            for slots, value in zip(state, made[:carried], strict=True):
+            for slots, value in zip(state, results[:carried], strict=True):
                 slots.write(self.numbers(value))
         self._depth -= 1
         return [*(s.read() for s in state), *kept]
 
     def _while(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
-        """A loop that each run leaves when it is done: it goes on for all lanes while one needs it, and changes no other lane."""
+        """Write a loop with its own end for each run: it continues while any lane needs it, and leaves finished lanes unchanged."""
         of_condition, of_body = parameters["cond_nconsts"], parameters["body_nconsts"]
         given, fixed = taken[:of_condition], taken[of_condition : of_condition + of_body]
         state = [Slots(self.code, self.numbers(x)) for x in taken[of_condition + of_body :]]
@@ -178,22 +181,22 @@ class Translator:
             (holds,) = self.function(condition, [*given, *before])
             goes_on = self.numbers(holds)
             go_on(goes_on.item())
-            made = self.function(body, [*fixed, *before])
-            for slots, old, new in zip(state, before, made, strict=True):
+            results = self.function(body, [*fixed, *before])
+            for slots, old, new in zip(state, before, results, strict=True):
                 slots.write(_elementwise(ARITHMETIC["select_n"], self.code, {}, [goes_on, old, self.numbers(new)]))
         self._depth -= 1
         return [s.read() for s in state]
 
     def _passes(self, length: int, series: Sequence[Value]) -> int | str:
-        """Number of passes of a loop: other records, and other designs, need no other code.
+        """Number of passes of a loop, so that other records and designs need no new code.
 
-        Short loops over short rows are unrolled, so it stays in the text.
+        Short loops over short rows are unrolled; their number stays in the text.
         """
         long_rows = any(size_of(x) > LARGEST_ROW * length for x in series)
         return self.shared.length(length) if length > LONGEST_UNROLLED or long_rows else length
 
     def _series(self, value: Value) -> Callable[[str], Value]:
-        """Return the function that gives a row of what a loop goes through."""
+        """Return the function that loads a row of the loop's input."""
         if isinstance(value, History):
             return lambda at: self._row_of_history(value, at)
         if isinstance(value, np.ndarray) and value.dtype == object:
@@ -214,9 +217,9 @@ class Translator:
         each: int | str = self.shared.length(size) if size > LARGEST_ROW else size
 
         def row(at: str) -> Value:
-            place = self.code.whole("add", first, self.code.whole("mul", at, each))
-            found = SharedRow(place, shape)
-            return found if size > LARGEST_ROW else self.numbers(found)
+            address = self.code.whole("add", first, self.code.whole("mul", at, each))
+            result = SharedRow(address, shape)
+            return result if size > LARGEST_ROW else self.numbers(result)
 
         return row
 
@@ -225,15 +228,15 @@ class Translator:
     def _number_by_number(
         self, function: Callable[..., Number], parameters: dict[str, Any], taken: list[Value], shape: tuple[int, ...]
     ) -> History:
-        """Arithmetic on whole histories, in a loop over their numbers."""
+        """Write arithmetic on whole histories as a loop over their numbers."""
         size = math.prod(shape)
         series = [self._series(flattened(x)) if size_of(x) > 1 else None for x in taken]
         fixed = [self.numbers(x).reshape(-1)[0] if row is None else None for x, row in zip(taken, series, strict=True)]
-        found = self._history(size, ())
+        result = self._history(size, ())
         with self.code.loop(self.shared.length(size)) as at:
             rows = [one if row is None else self.numbers(row(at))[()] for one, row in zip(fixed, series, strict=True)]
-            self._keep(found, at, array_of([function(self.code, parameters, *rows)], ()))
-        return replace(found, shape=shape)
+            self._keep(result, at, array_of([function(self.code, parameters, *rows)], ()))
+        return replace(result, shape=shape)
 
     def _sum_of_history(self, history: History, shape: tuple[int, ...]) -> Array:
         """Sum of all numbers of a history."""
@@ -246,9 +249,9 @@ class Translator:
     def _history(self, length: int, shape: tuple[int, ...]) -> History:
         if self._depth:
             raise UntranslatableError("a loop within the loop that keeps values")
-        found = History(len(self.kept), (length, *shape))
-        self.kept.append(size_of(found))
-        return found
+        result = History(len(self.kept), (length, *shape))
+        self.kept.append(size_of(result))
+        return result
 
     def _places(self, history: History, at: str) -> list[str]:
         """Addresses of the numbers of one sample."""
@@ -256,11 +259,11 @@ class Translator:
         row = code.whole("add", code.whole("mul", at, count), history.first)
         first = code.whole("add", code.whole("mul", row, history.each), history.across)
         places = [code.whole("add", first, code.whole("mul", history.each, index)) for index in range(count)]
-        return [code.address(history.base, place) for place in places]
+        return [code.address(history.base, position) for position in places]
 
     def _keep(self, history: History, at: str, numbers: Array) -> None:
-        for number, place in zip(numbers.reshape(-1), self._places(history, at), strict=True):
-            self.code.store(number, place, lanes=True)
+        for number, address in zip(numbers.reshape(-1), self._places(history, at), strict=True):
+            self.code.store(number, address, lanes=True)
 
     def _row_of_history(self, history: History, at: str) -> Array:
         return array_of([self.code.load(p, lanes=True) for p in self._places(history, at)], history.shape[1:])
@@ -270,7 +273,7 @@ def _elementwise(
     function: Callable[..., Number], code: VectorCode, parameters: dict[str, Any], taken: Sequence[Array]
 ) -> Array:
     spread = np.broadcast_arrays(*taken)
-    found = np.empty(spread[0].shape, dtype=object)
-    for place in np.ndindex(found.shape):
-        found[place] = function(code, parameters, *(x[place] for x in spread))
-    return found
+    result = np.empty(spread[0].shape, dtype=object)
+    for index in np.ndindex(result.shape):
+        result[index] = function(code, parameters, *(x[index] for x in spread))
+    return result

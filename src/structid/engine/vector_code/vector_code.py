@@ -1,7 +1,7 @@
-"""Straight-line code on vectors of lanes, as text for LLVM.
+"""Straight-line code on vectors of lanes, as LLVM text.
 
 A number is the same for all lanes (a `double`), or each lane has its own (a vector of them). An operation on numbers that are the
-same for all lanes is done once.
+same for all lanes is computed once.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from structid.engine.vector_code.registers import Number, Register, constant
 FLAGS = "contract nsz arcp"
 """What LLVM may do to floating-point operations: fuse products with sums, ignore the sign of zero, multiply by a reciprocal.
 
-Nothing here lets it assume that numbers are finite: a run that diverges must be found.
+LLVM must not assume that numbers are finite: a run that diverges must be detected.
 """
 
 
 class VectorCode:
-    """Text of one function as it grows."""
+    """LLVM text of one function under construction."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -31,26 +31,26 @@ class VectorCode:
     # --- names and constants ------------------------------------------------------------------------------------
 
     def name(self, what: str = "r") -> str:
-        """Make up a name."""
+        """Return a new unique name."""
         self._count += 1
         return f"%{what}{self._count}"
 
     def type_of(self, kind: str, lanes: bool) -> str:
-        """Type of a number."""
+        """LLVM type of a number."""
         return f"<{self.width} x {kind}>" if lanes else kind
 
     def operand(self, number: Number, kind: str, lanes: bool) -> str:
-        """Name of a number where an operation of this type takes it."""
+        """Name of a number as an operand of this type."""
         if not isinstance(number, Register):
             written = constant(number, kind)
             return f"splat ({kind} {written})" if lanes else written
         return self._splat(number) if lanes and not number.lanes else number.name
 
     def _splat(self, number: Register) -> str:
-        """Copy a number to every lane, once in each loop."""
-        for known in reversed(self._splats):
-            if number.name in known:
-                return known[number.name]
+        """Copy a number to every lane, once per loop."""
+        for splats in reversed(self._splats):
+            if number.name in splats:
+                return splats[number.name]
         vector = self.type_of(number.kind, True)
         first, every = self.name("first"), self.name("every")
         self.lines.append(f"  {first} = insertelement {vector} poison, {number.kind} {number.name}, i64 0")
@@ -65,23 +65,23 @@ class VectorCode:
     def operation(
         self, words: str, numbers: Sequence[Number], kind: str = "double", result: str | None = None
     ) -> Register:
-        """Do an operation on numbers of one kind."""
+        """Write an operation on numbers of one type."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
-        taken = ", ".join(self.operand(n, kind, lanes) for n in numbers)
-        found = self.name()
-        self.lines.append(f"  {found} = {words} {self.type_of(kind, lanes)} {taken}")
-        return Register(found, result or kind, lanes)
+        operands = ", ".join(self.operand(n, kind, lanes) for n in numbers)
+        value = self.name()
+        self.lines.append(f"  {value} = {words} {self.type_of(kind, lanes)} {operands}")
+        return Register(value, result or kind, lanes)
 
     def call(self, function: str, numbers: Sequence[Number], kind: str = "double") -> Register:
-        """Call an intrinsic function of LLVM, which has a version for every type."""
+        """Call an LLVM intrinsic, which has a version for every type."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
         of = self.type_of(kind, lanes)
-        taken = ", ".join(f"{of} {self.operand(n, kind, lanes)}" for n in numbers)
+        operands = ", ".join(f"{of} {self.operand(n, kind, lanes)}" for n in numbers)
         suffix = (f"v{self.width}" if lanes else "") + {"double": "f64", "i64": "i64"}[kind]
         flags = f"{FLAGS} " if kind == "double" else ""
-        found = self.name()
-        self.lines.append(f"  {found} = call {flags}{of} @llvm.{function}.{suffix}({taken})")
-        return Register(found, kind, lanes)
+        result = self.name()
+        self.lines.append(f"  {result} = call {flags}{of} @llvm.{function}.{suffix}({operands})")
+        return Register(result, kind, lanes)
 
     def select(self, condition: Number, yes: Number, no: Number, kind: str = "double") -> Number:
         """Choose one of two numbers."""
@@ -89,69 +89,69 @@ class VectorCode:
             return yes if condition else no
         lanes = any(isinstance(n, Register) and n.lanes for n in (condition, yes, no))
         of, which = self.type_of(kind, lanes), self.type_of("i1", lanes)
-        found = self.name()
+        result = self.name()
         self.lines.append(
-            f"  {found} = select {which} {self.operand(condition, 'i1', lanes)}, "
+            f"  {result} = select {which} {self.operand(condition, 'i1', lanes)}, "
             f"{of} {self.operand(yes, kind, lanes)}, {of} {self.operand(no, kind, lanes)}"
         )
-        return Register(found, kind, lanes)
+        return Register(result, kind, lanes)
 
     def cast(self, words: str, number: Register, kind: str) -> Register:
-        """Turn a number into one of another kind."""
-        found = self.name()
+        """Convert a number to another type."""
+        result = self.name()
         before, after = self.type_of(number.kind, number.lanes), self.type_of(kind, number.lanes)
-        self.lines.append(f"  {found} = {words} {before} {number.name} to {after}")
-        return Register(found, kind, number.lanes)
+        self.lines.append(f"  {result} = {words} {before} {number.name} to {after}")
+        return Register(result, kind, number.lanes)
 
     # --- memory -------------------------------------------------------------------------------------------------
 
     def whole(self, words: str, a: str | int, b: str | int) -> str:
-        """Do arithmetic of whole numbers that all lanes share, such as indices."""
-        found = self.name("n")
-        self.lines.append(f"  {found} = {words} i64 {a}, {b}")
-        return found
+        """Write integer arithmetic shared by all lanes, such as indices."""
+        result = self.name("n")
+        self.lines.append(f"  {result} = {words} i64 {a}, {b}")
+        return result
 
     def address(self, base: str, index: str | int, lanes: bool = False) -> str:
         """Address of an element of an array."""
-        place = self.name("at")
+        address = self.name("at")
         self.lines.append(
-            f"  {place} = getelementptr inbounds {self.type_of('double', lanes)}, ptr {base}, i64 {index}"
+            f"  {address} = getelementptr inbounds {self.type_of('double', lanes)}, ptr {base}, i64 {index}"
         )
-        return place
+        return address
 
     def load(self, place: str, lanes: bool, kind: str = "double") -> Register:
-        """Read a number."""
-        found = self.name()
+        """Load a number."""
+        result = self.name()
         self.lines.append(
-            f"  {found} = load {self.type_of(kind, lanes)}, ptr {place}, align {8 if kind == 'double' else 1}"
+            f"  {result} = load {self.type_of(kind, lanes)}, ptr {place}, align {8 if kind == 'double' else 1}"
         )
-        return Register(found, kind, lanes)
+        return Register(result, kind, lanes)
 
     def load_once(self, base: str, index: int, kind: str = "double") -> Register:
-        """Read a number that all lanes share, before anything else is done."""
-        place, found = self.name("at"), self.name()
+        """Load a shared number at the start of the function."""
+        address, result = self.name("at"), self.name()
         self.entry += [
-            f"  {place} = getelementptr inbounds double, ptr {base}, i64 {index}",
-            f"  {found} = load {kind}, ptr {place}, align 8",
+            f"  {address} = getelementptr inbounds double, ptr {base}, i64 {index}",
+            f"  {result} = load {kind}, ptr {address}, align 8",
         ]
-        return Register(found, kind, False)
+        return Register(result, kind, False)
 
     def store(self, number: Number, place: str, lanes: bool, kind: str = "double") -> None:
-        """Write a number."""
+        """Store a number."""
         written, of = self.operand(number, kind, lanes), self.type_of(kind, lanes)
         self.lines.append(f"  store {of} {written}, ptr {place}, align {8 if kind == 'double' else 1}")
 
     def slot(self, lanes: bool, count: int = 1, kind: str = "double") -> str:
-        """Set aside a place for numbers that change from pass to pass of a loop."""
-        place = self.name("slot")
-        self.entry.append(f"  {place} = alloca [{count} x {self.type_of(kind, lanes)}], align 64")
-        return place
+        """Reserve memory for numbers that change from pass to pass of a loop."""
+        address = self.name("slot")
+        self.entry.append(f"  {address} = alloca [{count} x {self.type_of(kind, lanes)}], align 64")
+        return address
 
     # --- loops --------------------------------------------------------------------------------------------------
 
     @contextmanager
     def loop(self, length: int | str) -> Iterator[str]:
-        """Do what follows for 0, 1, … up to, but not including, `length`."""
+        """Repeat the following code for 0, 1, … up to, but not including, `length`."""
         counter = self.name("slot")
         self.entry.append(f"  {counter} = alloca i64, align 8")
         self.lines.append(f"  store i64 0, ptr {counter}")
@@ -162,27 +162,27 @@ class VectorCode:
 
     @contextmanager
     def shared_loop(self, counter: str, end: str) -> Iterator[str]:
-        """Do what follows for numbers that several threads take from one counter, each number by one of them."""
+        """Repeat the following code for indices that several threads take from one counter."""
         with self._numbered(f"atomicrmw add ptr {counter}, i64 1 seq_cst", end) as at:
             yield at
 
     @contextmanager
     def loop_while(self) -> Iterator[Callable[[Number], None]]:
-        """Do what follows as long as something holds in any lane."""
+        """Repeat the following code while a condition holds in any lane."""
         with self._passes() as body:
             yield lambda holds: body(self._in_any_lane(holds))
 
     def _in_any_lane(self, truth: Number) -> str:
         if not (isinstance(truth, Register) and truth.lanes):
             return self.operand(truth, "i1", lanes=False)
-        found = self.name("any")
+        result = self.name("any")
         of = self.type_of("i1", True)
-        self.lines.append(f"  {found} = call i1 @llvm.vector.reduce.or.v{self.width}i1({of} {truth.name})")
-        return found
+        self.lines.append(f"  {result} = call i1 @llvm.vector.reduce.or.v{self.width}i1({of} {truth.name})")
+        return result
 
     @contextmanager
     def _numbered(self, taken: str, end: str) -> Iterator[str]:
-        """Passes as long as their number, which `taken` gets, is less than `end`."""
+        """Passes of a loop while their index, stored in `taken`, is below `end`."""
         with self._passes() as body:
             at, more = self.name("i"), self.name("more")
             self.lines += [f"  {at} = {taken}", f"  {more} = icmp slt i64 {at}, {end}"]
@@ -191,7 +191,7 @@ class VectorCode:
 
     @contextmanager
     def _passes(self) -> Iterator[Callable[[str], None]]:
-        """Passes of a loop; what is yielded ends the head, with the name of a truth, and begins the body."""
+        """Passes of a loop; the yielded function ends the head, given the name of a Boolean, and starts the body."""
         head, body, done = (self.name(w)[1:] for w in ("head", "body", "done"))
         self.lines += [f"  br label %{head}", f"{head}:"]
         self._splats.append({})

@@ -1,4 +1,4 @@
-"""Commands that make up for a transfer system that follows late.
+"""Delay compensation: commands that allow for the delay of a transfer system.
 
 Sources: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the polynomial; Y. Chae,
 K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series, which is repaired here as
@@ -20,24 +20,24 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 CUBIC_SLOPE, CUBIC_CURVATURE = np.array([11.0, -18.0, 9.0, -2.0]) / 6.0, np.array([2.0, -5.0, 4.0, -1.0])
-"""Derivatives, at its last point, of the cubic through four points with a distance of one, the last one first."""
+"""Derivatives at its last point of the cubic through four points at unit distance, last one first."""
 
 
 class Compensator(ABC):
-    """Compensation of one test, in progress: it remembers what went before."""
+    """Compensation of one test in progress, with its memory."""
 
     @abstractmethod
     def commands(self, targets: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-        """Turn where the specimen should be into what is sent to the actuators."""
+        """Convert targets of the specimen to commands for the actuators."""
 
     def observe(  # noqa: B027 - most do not look back
         self, commands: Float[np.ndarray, "sample channel"], measured: Float[np.ndarray, "sample channel"]
     ) -> None:
-        """Learn from what became of commands."""
+        """Learn from the response to commands."""
 
 
 class Compensation(ABC):
-    """A way to compensate; what a test is given.
+    """A compensation method with its settings.
 
     Attributes
     ----------
@@ -168,13 +168,13 @@ class _Extrapolator(Compensator):
 
 
 class _Past:
-    """Targets of before, at zero for ever before the first; a straight line between two controller steps."""
+    """Earlier targets, zero before the first; linear between two controller steps."""
 
     def __init__(self, lags: np.ndarray, channels: int) -> None:
         self.lags, self.kept = lags, np.zeros((int(np.ceil(lags[-1])) + 2, channels))
 
     def before(self, targets: np.ndarray) -> np.ndarray:
-        """Where they were `lags` controller steps before each of the new ones, shape (sample, lag, channel)."""
+        """Targets `lags` controller steps before each of the new ones, shape (sample, lag, channel)."""
         first = len(self.kept)
         history = np.concatenate([self.kept, targets])
         self.kept = history[len(targets) :]
@@ -260,7 +260,7 @@ class AdaptiveTimeSeries(Compensation):
 
 
 class _Adapting(Compensator):
-    """An adaptive time series at work; each channel for itself."""
+    """An adaptive time series in operation, separately for each channel."""
 
     def __init__(self, settings: AdaptiveTimeSeries, channels: int, step: float, scale: float) -> None:
         self.settings, self.step = settings, step
@@ -278,7 +278,7 @@ class _Adapting(Compensator):
         self.past = _Past(settings.delay / step * np.arange(4), channels)
 
     def commands(self, targets: np.ndarray) -> np.ndarray:
-        """Extrapolate with the coefficients of now; see `Compensator.commands`."""
+        """Extrapolate with the current coefficients; see `Compensator.commands`."""
         before, spacing = self.past.before(targets), self.settings.delay
         rate = np.einsum("i,tic->tc", CUBIC_SLOPE, before) / spacing
         curvature = np.einsum("i,tic->tc", CUBIC_CURVATURE, before) / spacing**2
@@ -287,20 +287,20 @@ class _Adapting(Compensator):
 
     def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:
         """Refit the window; see `Compensator.observe`."""
-        for command, place in zip(commands, measured, strict=True):
+        for command, position in zip(commands, measured, strict=True):
             filtered = self._filtered(0, command)
-            seen = self._filtered(1, place)
-            rate = (seen - self.last_filtered) / self.step
-            self.last_filtered = seen
+            filtered_position = self._filtered(1, position)
+            rate = (filtered_position - self.last_filtered) / self.step
+            self.last_filtered = filtered_position
             if len(self.window) == self.window.maxlen:
                 self.sums -= self._products(*self.window[0])
-            self.window.append((filtered, seen, rate))
-            self.sums += self._products(filtered, seen, rate)
+            self.window.append((filtered, filtered_position, rate))
+            self.sums += self._products(filtered, filtered_position, rate)
         if len(self.window) == self.window.maxlen:
             self._refit()
 
     def _filtered(self, which: int, value: np.ndarray) -> np.ndarray:
-        """One more value through a filter (direct form, transposed)."""
+        """Pass one value through a filter (transposed direct form)."""
         memory, b, a = self.memories[which], self.numerator, self.denominator
         out = b[0] * value + memory[:, 0]
         memory[:, 0] = b[1] * value - a[1] * out + memory[:, 1]
@@ -312,7 +312,7 @@ class _Adapting(Compensator):
         return np.stack([seen * seen, seen * rate, rate * rate, seen * command, rate * command], axis=1)
 
     def _refit(self) -> None:
-        """Solve the normal equations of each channel; a channel that has not moved keeps what it has."""
+        """Solve the normal equations of each channel; a channel that has not moved keeps its coefficients."""
         uu, uv, vv, uc, vc = self.sums.T
         determinant = uu * vv - uv * uv
         for channel in np.flatnonzero(determinant > 1e-9 * uu * vv):

@@ -1,8 +1,8 @@
-"""How much delay of the transfer system a hybrid test can bear: closed forms, and any structure.
+"""Critical delays of a hybrid test: closed forms, and those of any structure.
 
-A specimen that follows late pushes back late, which feeds energy in. The critical delay is the shortest one at which a free
-oscillation no longer decays. A rate-independent specimen feels it in simulated time: a transfer system that is late by τ of wall
-time is late by τ/λ there.
+A delayed specimen returns its force late, which feeds energy in. The critical delay is the shortest one at which a free
+oscillation no longer decays. A rate-independent specimen is affected in simulated time: a transfer system with a delay of τ in
+wall time has a delay of τ/λ there.
 
 Source: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for a delay as negative damping.
 """
@@ -20,22 +20,22 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 GRID = 4000
-"""Frequencies at which the shares of a structure are looked at, before roots are found between two of them."""
+"""Frequencies at which a structure's eigenvalues are computed before roots are refined between them."""
 HIGHEST = 3.0
-"""Highest frequency that is looked at, over the highest natural one."""
+"""Highest frequency examined, relative to the highest natural one."""
 INERTIA_ALONE = 30.0
-"""Frequency over the highest natural one from which on inertia alone turns the determinant."""
+"""Frequency, relative to the highest natural one, above which inertia alone determines the determinant."""
 SMALL_TURN = 0.5
-"""Largest turn of the determinant between two frequencies [rad]; more are looked at where it is larger."""
+"""Largest change of the determinant's argument between two frequencies [rad] before the step is halved."""
 REFINEMENTS = 40
-"""Halvings of a step at most: beyond, a root lies on the axis itself."""
+"""Largest number of halvings of a step; beyond, a root lies on the axis itself."""
 
 
 @dataclass(frozen=True)
 class CriticalDelay:
     """The shortest delay at which a free oscillation no longer decays."""
 
-    delay: float  # τ_c in simulated time [s]; infinite where every delay is borne
+    delay: float  # τ_c in simulated time [s]; infinite where no delay is critical
     frequency: float  # Ω of that oscillation [rad/s]; NaN where there is none
 
     def on_the_wall(self, time_scale: float) -> float:
@@ -47,9 +47,9 @@ class CriticalDelay:
 def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -> CriticalDelay:
     """Critical delay of one degree of freedom.
 
-    With p the specimen's share of the stiffness and x = Ω/ω::
+    With p the specimen's fraction of the stiffness and x = Ω/ω::
 
-        (x² − 1 + p)² + 4ζ²x² = p²,    tan(Ω τ_c) = 2ζx / (x² − 1 + p),    τ_c ≈ 2ζ/(p ω)
+    (x² − 1 + p)² + 4ζ²x² = p²,    tan(Ω τ_c) = 2ζx / (x² − 1 + p),    τ_c ≈ 2ζ/(p ω)
     """
     if not frequency > 0.0 or damping_ratio < 0.0 or not 0.0 < share <= 1.0:
         came = f"ω = {frequency:g} rad/s, ζ = {damping_ratio:g}, p = {share:g}"
@@ -67,7 +67,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
 
 @check_arguments
 def critical_lag(frequency: float, damping_ratio: float) -> float:
-    """Critical time constant of a first-order lag, for a specimen that has all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
+    """Critical time constant of a first-order lag, for a specimen with all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
     left = 1.0 - 4.0 * damping_ratio**2
     return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
 
@@ -87,7 +87,7 @@ def critical_delay_of(
     grid = np.linspace(0.0, HIGHEST * np.sqrt(squares.max()), GRID + 1)[1:]
 
     def ratios(omega: np.ndarray) -> np.ndarray:
-        """μ of several Ω, the largest first, shape (frequency, dof)."""
+        """μ at several Ω, the largest first, shape (frequency, dof)."""
         w = omega[:, None, None]
         dynamic = -(w**2) * mass + 1j * w * damping + numerical
         values = np.linalg.eigvals(np.linalg.solve(dynamic, np.broadcast_to(physical, dynamic.shape).astype(complex)))
@@ -97,14 +97,14 @@ def critical_delay_of(
         return float(np.abs(ratios(np.array([omega]))[0, order]) - 1.0)
 
     sizes = np.abs(ratios(grid)) - 1.0
-    found = CriticalDelay(np.inf, np.nan)
+    critical = CriticalDelay(np.inf, np.nan)
     for step, order in np.argwhere(sizes[:-1] * sizes[1:] < 0.0):
         omega = float(scipy.optimize.brentq(over, grid[step], grid[step + 1], args=(order,), xtol=1e-13))
         turn = -1.0 / ratios(np.array([omega]))[0, order]  # e^(−iΩτ)
         delay = float(-np.angle(turn) % (2.0 * np.pi) / omega)
-        if 0.0 < delay < found.delay:
-            found = CriticalDelay(delay, omega)
-    return found
+        if 0.0 < delay < critical.delay:
+            critical = CriticalDelay(delay, omega)
+    return critical
 
 
 def growing_oscillations(
@@ -114,7 +114,7 @@ def growing_oscillations(
     physical: Float[np.ndarray, "dof dof"],
     factor: Callable[[float], complex],
 ) -> int:
-    """Count the oscillations of a structure that grow where the specimen's force comes late.
+    """Count the growing oscillations of a structure whose specimen force is delayed.
 
     Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27), which holds with delays where inertia has none:
     while Ω goes from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N
@@ -124,17 +124,17 @@ def growing_oscillations(
     most = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()
 
     def directions(omega: np.ndarray) -> np.ndarray:
-        """The determinant over its size."""
+        """The determinant divided by its magnitude."""
         w, late = omega[:, None, None], np.array([factor(o) for o in omega])[:, None, None]
         return np.asarray(np.linalg.slogdet(-(w**2) * mass + 1j * w * damping + numerical + late * physical)[0])
 
     grid = np.linspace(0.0, INERTIA_ALONE * max(highest, most), GRID + 1)
-    found = directions(grid)
+    values = directions(grid)
     for _ in range(REFINEMENTS):
-        wide = np.flatnonzero(np.abs(np.angle(found[1:] / found[:-1])) > SMALL_TURN)
+        wide = np.flatnonzero(np.abs(np.angle(values[1:] / values[:-1])) > SMALL_TURN)
         if not len(wide):
             break
         between = 0.5 * (grid[wide] + grid[wide + 1])
-        grid, found = np.insert(grid, wide + 1, between), np.insert(found, wide + 1, directions(between))
-    turn = float(np.angle(found[1:] / found[:-1]).sum())
+        grid, values = np.insert(grid, wide + 1, between), np.insert(values, wide + 1, directions(between))
+    turn = float(np.angle(values[1:] / values[:-1]).sum())
     return max(round((len(mass) - turn / np.pi) / 2.0), 0)

@@ -1,4 +1,4 @@
-"""From one place to the next in wall time: ramp and hold, or continuous motion, one value a controller step."""
+"""Motion of a specimen in wall time: ramp and hold, or continuous, one value per controller step."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from jaxtyping import Float
 from structid.core.errors import InputError
 
 LEAST_OF_A_RAMP = 5
-"""Controller steps that a ramp and hold needs, else it is no ramp."""
+"""Minimum number of controller steps of a ramp and hold."""
 ROUNDING = 1e-6
-"""Of a number of controller steps that should be whole."""
+"""Tolerance for a number of controller steps that must be an integer."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How a specimen is brought to the end of a step."""
+    """Motion of a specimen to the end of a step."""
 
-    samples: int  # Controller steps that it takes
-    ramp: int  # How many of them move; the rest holds
-    averaged: int  # How many of the last are averaged in a reading
+    samples: int  # number of controller steps
+    ramp: int  # number of moving ones; the rest holds
+    averaged: int  # number of the last ones averaged in a reading
     # Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move
     settles: bool = False
 
     @property
     def continuous(self) -> bool:
-        """Whether it never stops."""
+        """Whether the motion never stops."""
         return self.ramp == self.samples and not self.settles
 
     def path(
         self, start: Float[np.ndarray, " channel"], end: Float[np.ndarray, " channel"]
     ) -> Float[np.ndarray, "sample channel"]:
-        """Give the targets of its controller steps."""
+        """Targets of its controller steps."""
         share = np.minimum(np.arange(1, self.samples + 1) / self.ramp, 1.0)
         if not self.continuous:
             share = share**2 * (3.0 - 2.0 * share)
@@ -41,12 +41,12 @@ class Motion:
 
     @property
     def peak_rate(self) -> float:
-        """Largest move in a controller step over the whole move, 1.5 of the mean in a ramp."""
+        """Largest displacement in a controller step relative to the whole move, 1.5 of the mean in a ramp."""
         return float(np.abs(np.diff(self.path(np.zeros(1), np.ones(1)), axis=0, prepend=0.0)).max())
 
 
 def controller_steps(wall_time: float, controller_step: float, what: str) -> int:
-    """Count the controller steps of a wall time."""
+    """Number of controller steps in a wall time."""
     count = wall_time / controller_step
     if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
         raise InputError(
@@ -57,13 +57,13 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
 
 
 def continuous_motion(wall_time: float, controller_step: float) -> Motion:
-    """Motion that arrives when its time is over, for a fine specimen."""
+    """Motion that arrives at the end of its time, for a fine specimen."""
     count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
     return Motion(count, count, 1)
 
 
 ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
-"""Of a specimen that takes one place a move."""
+"""Motion of a specimen that takes one position per move."""
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:

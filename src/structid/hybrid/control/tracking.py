@@ -1,4 +1,4 @@
-"""How well a specimen was where it should have been: indicators from commanded and measured displacements.
+"""Tracking indicators of a specimen, from commanded and measured displacements.
 
 Sources: O. Mercan & J. M. Ricles (2007, Earthq. Eng. Struct. Dyn. 36, 1523) for the tracking indicator; T. Guo, C. Chen, W. Xu &
 F. Sanchez (2014, Smart Mater. Struct. 23, 045042) for the frequency evaluation index.
@@ -15,41 +15,41 @@ from jaxtyping import Float
 from structid.core.errors import InputError
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
-"""Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
+"""Minimum move for a secant, relative to the peak and to the noise: in shorter moves noise would appear as stiffness."""
 SURELY, FEWEST_FOR_NOISE = 3.0, 20
-"""Standard deviations of the forces' noise that are taken off a secant; moves from which that noise can be seen."""
+"""Standard deviations of force noise subtracted from a secant, and minimum number of moves to estimate that noise."""
 NORMAL_MEDIAN = 1.4826
-"""Standard deviation of a normal law over the median of its absolute values."""
+"""Standard deviation of a normal distribution over the median of its absolute values."""
 STIFFER = 1.05
-"""Secant over K₀ from which a warning is due."""
+"""Secant over K₀ that causes a warning."""
 
 
-def root_mean_square_error(wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]) -> float:
+def root_mean_square_error(commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]) -> float:
     """RMS (u_m − u_c) over RMS u_c."""
-    scale = np.sqrt(np.mean(wanted**2))
-    return float(np.sqrt(np.mean((measured - wanted) ** 2)) / scale) if scale > 0.0 else np.nan
+    scale = np.sqrt(np.mean(commanded**2))
+    return float(np.sqrt(np.mean((measured - commanded) ** 2)) / scale) if scale > 0.0 else np.nan
 
 
 def tracking_indicator(
-    wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
+    commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
     """½ (∮ u_c du_m − ∮ u_m du_c): the area enclosed in the synchronisation subspace, which grows while the specimen lags."""
     # ∫ x dy by trapezoids leaves ½ Σ (x₀ y₁ − x₁ y₀) for the difference.
-    steps = wanted[:-1] * measured[1:] - wanted[1:] * measured[:-1]
+    steps = commanded[:-1] * measured[1:] - commanded[1:] * measured[:-1]
     return np.concatenate([[0.0], 0.5 * np.cumsum(steps)])
 
 
 def energy_error(
-    force: Float[np.ndarray, " time"], wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
+    force: Float[np.ndarray, " time"], commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
     """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure."""
-    found = scipy.integrate.cumulative_trapezoid(force, measured - wanted, initial=0.0)
-    return np.asarray(found)
+    energy = scipy.integrate.cumulative_trapezoid(force, measured - commanded, initial=0.0)
+    return np.asarray(energy)
 
 
 @dataclass(frozen=True)
 class FrequencyEvaluationIndex:
-    """Amplitude and delay of a motion, weighted by the power of what was wanted."""
+    """Amplitude and delay of a motion, weighted by the power of the command."""
 
     amplitude: float  # |F|; 1 for a perfect motion
     delay: float  # −arg F/(2π f_eq) [s], in the time of the histories
@@ -57,17 +57,17 @@ class FrequencyEvaluationIndex:
 
 
 def frequency_evaluation_index(
-    wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"], dt: float
+    commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"], dt: float
 ) -> FrequencyEvaluationIndex:
     """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history."""
     # A history that does not end where it began would leak into every frequency.
-    taper = np.hanning(len(wanted))
-    u_c, u_m = (np.fft.rfft(taper * scipy.signal.detrend(u))[1:] for u in (wanted, measured))
+    taper = np.hanning(len(commanded))
+    u_c, u_m = (np.fft.rfft(taper * scipy.signal.detrend(u))[1:] for u in (commanded, measured))
     power = np.abs(u_c) ** 2
     if not power.sum() > 0.0:
         raise InputError("frequency_evaluation_index", "a specimen that was not to move", "a motion")
     ratio = np.sum(u_m * np.conj(u_c)) / power.sum()
-    frequency = float(np.sum(np.fft.rfftfreq(len(wanted), dt)[1:] * power) / power.sum())
+    frequency = float(np.sum(np.fft.rfftfreq(len(commanded), dt)[1:] * power) / power.sum())
     return FrequencyEvaluationIndex(
         float(np.abs(ratio)), float(-np.angle(ratio) / (2.0 * np.pi * frequency)), frequency
     )
@@ -79,30 +79,30 @@ def largest_secant(
     force: Float[np.ndarray, "move channel"],
     stiffness: Float[np.ndarray, "channel channel"],
 ) -> float:
-    """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
+    """Largest stiffness of the specimen along its path, relative to K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
-    Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
-    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out. What the noise of the
-    forces can make of one is taken off.
+    Secants connect points that are a tenth of the peak apart, and well above the noise. A secant that does not continue the
+    previous one has passed a turning point, where a hysteretic force differs at the same displacement; it is omitted. The
+    possible contribution of force noise is subtracted.
     """
     peak = float(np.abs(measured).max(initial=0.0))
     noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0
     least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
     doubt = SURELY * np.sqrt(2.0) * _force_noise(measured, force, stiffness)
-    found, last, before = np.nan, 0, None
+    largest, last, before = np.nan, 0, None
     for k in range(1, len(measured) if peak > 0.0 else 0):
         change = measured[k] - measured[last]
         if np.abs(change).max() < least:
             continue
         if before is not None and before @ change > 0.0:
             work = change @ (force[k] - force[last]) - np.abs(change) @ doubt
-            found = float(np.fmax(found, work / (change @ stiffness @ change)))
+            largest = float(np.fmax(largest, work / (change @ stiffness @ change)))
         last, before = k, change
-    return found
+    return largest
 
 
 def _force_noise(measured: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is rough in the forces, beside a linear answer, shape (channel,).
+    """Standard deviation of the roughness of the forces around a linear response, shape (channel,).
 
     Third differences of smooth histories are small; those of independent noise have √20 of its standard deviation.
     """

@@ -1,4 +1,4 @@
-"""A simulated transfer system: actuators that follow late, within limits, and sensors that see with noise."""
+"""A simulated transfer system: delayed actuators with limits, and noisy sensors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Sensor:
 
     @property
     def quantum(self) -> float:
-        """Step of the converter [m] or [N]; 0 for an ideal one."""
+        """Resolution of the converter [m] or [N]; 0 for an ideal one."""
         return 0.0 if self.range is None else self.range / 2**self.bits
 
     def seen(self, values: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -103,7 +103,7 @@ class Actuator:
 
 
 class TransferSystem:
-    """Actuators that follow paths, one value a controller step."""
+    """Actuators that follow paths, one value per controller step."""
 
     def __init__(
         self, actuators: tuple[Actuator, ...], controller_step: float = CONTROLLER_STEP, seed: int = 0
@@ -121,7 +121,7 @@ class TransferSystem:
     def seen(
         self, displacement: Float[np.ndarray, "sample channel"], force: Float[np.ndarray, "sample channel"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What the sensors make of it."""
+        """Readings of the sensors."""
         return (
             np.stack(
                 [
@@ -154,7 +154,7 @@ class _Piston:
         self.farthest = np.inf if actuator.velocity is None else actuator.velocity * step
 
     def followed(self, commands: np.ndarray) -> np.ndarray:
-        """Places at the ends of controller steps, shape (sample,)."""
+        """Positions at the ends of controller steps, shape (sample,)."""
         stroke = np.inf if self.actuator.stroke is None else self.actuator.stroke
         sent = np.concatenate([self.sent, np.clip(commands, -stroke, stroke)])
         self.sent = sent[len(commands) :]
@@ -167,10 +167,10 @@ class _Piston:
             places, _ = lfilter([1.0], [1.0, -kept], pulled, zi=[kept * self.place])
         else:
             places = np.empty(len(commands))
-            place = self.place
+            position = self.place
             for k, pull in enumerate(pulled):
-                move = first * second * place + pull - place
-                place += min(max(move, -self.farthest), self.farthest)
-                places[k] = place
+                move = first * second * position + pull - position
+                position += min(max(move, -self.farthest), self.farthest)
+                places[k] = position
         self.place = float(places[-1])
         return np.asarray(places)

@@ -1,4 +1,4 @@
-"""Two parts that move as one structure: what every coupling has in common."""
+"""The interface of couplings: two parts that move as one structure."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from structid.hybrid.coupling.operator_splitting import OperatorSplitting, PartS
 from structid.hybrid.substructures.substructure import Substructure
 
 WORST_CONDITION = 1e14
-"""Of an interface operator that is solved."""
+"""Largest condition number of an interface operator."""
 
 
 class CoupledState(NamedTuple):
     """Both parts at the end of a coarse step."""
 
-    numerical: PartState  # The parts
-    physical: PartState  # The parts
-    traction: Float[Array, "interface *run"]  # Λ, the forces that the physical part exerts on the numerical one [N]
+    numerical: PartState  # numerical part
+    physical: PartState  # physical part
+    traction: Float[Array, "interface *run"]  # Λ, the forces of the physical part on the numerical one [N]
 
 
 class FineSteps(NamedTuple):
-    """What happened within a coarse step."""
+    """States within a coarse step."""
 
-    part: PartState  # The fine part after each of its steps; its first axis is the fine step
-    traction: Float[Array, "fine_step interface"]  # Λ that it felt [N]
+    part: PartState  # the fine part after each of its steps; first axis: fine step
+    traction: Float[Array, "fine_step interface"]  # Λ acting on it [N]
 
 
 class CoarseStep(NamedTuple):
-    """A coarse step that was taken."""
+    """A completed coarse step."""
 
-    state: CoupledState  # At its end
-    fine: Any  # Within it; nothing where that is not kept
+    state: CoupledState  # state at its end
+    fine: Any  # states within it; empty where they are not kept
     # Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up
     # to zero
     pseudo_energy: Any
@@ -91,30 +91,30 @@ class Coupling(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Joined(ABC):
-    """Two parts, coupled; a coarse step of both."""
+    """Two coupled parts with their coarse step."""
 
-    coarse: OperatorSplitting  # The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss
-    fine: OperatorSplitting  # The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss
-    fine_is_physical: bool  # Which of them is which
+    coarse: OperatorSplitting  # part A, with the step Δt
+    fine: OperatorSplitting  # part B, with ss steps of h = Δt/ss
+    fine_is_physical: bool  # whether B is the physical part
     substeps: int  # ss
-    keeps_fine: bool = True  # Whether a step tells what happened within it
+    keeps_fine: bool = True  # whether a step keeps the states within it
 
     @abstractmethod
     def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
         """Take a coarse step."""
 
     def of_parts(self, numerical: Substructure, physical: Substructure) -> Self:
-        """Couple other parts in the same way, such as parts that have softened."""
+        """Couple other parts in the same way, such as softened ones."""
         coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
 
     def seen(self, part: PartState, traction: Float[Array, "interface *run"]) -> Any:
-        """What is told of a fine step."""
+        """The kept data of a fine step."""
         return FineSteps(part, traction) if self.keeps_fine else ()
 
     @property
     def guesses_for_specimen(self) -> bool:
-        """Whether the specimen moves under interface forces that were guessed."""
+        """Whether the specimen moves under predicted interface forces."""
         return False
 
     @property
@@ -133,19 +133,19 @@ class Joined(ABC):
         return self.coarse.step
 
     def parts_of(self, state: CoupledState) -> tuple[PartState, PartState]:
-        """Give the states of the coarse and the fine part."""
+        """States of the coarse and the fine part."""
         pair = state.numerical, state.physical
         return pair if self.fine_is_physical else pair[::-1]
 
     def state_of(self, coarse: PartState, fine: PartState, traction: Any) -> CoupledState:
-        """Put the states of both parts together."""
+        """Combine the states of both parts."""
         pair = (coarse, fine) if self.fine_is_physical else (fine, coarse)
         return CoupledState(*pair, traction)
 
     def start(self, base: Any = 0.0, like: Float[Array, " run"] = None) -> CoupledState:
-        """Both parts at rest, with the accelerations and interface forces that the first acceleration of the base asks for.
+        """Both parts at rest, with accelerations and interface forces for the first acceleration of the base.
 
-        Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the parts on their own.
+        Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the uncoupled parts.
         """
         sides = (self.coarse, self.fine)
         shapes = [np.zeros(s.part.dofs) if like is None else 0.0 * like + np.zeros((s.part.dofs, 1)) for s in sides]
@@ -160,7 +160,7 @@ class Joined(ABC):
         return self.state_of(coarse, fine, traction)
 
     def gap(self, state: CoupledState) -> Any:
-        """Largest difference of the interface displacements of both parts, which are not tied; velocities are."""
+        """Largest difference of the interface displacements of both parts, which are not coupled; velocities are."""
         xp = namespace(state.traction)
         coarse, fine = self.parts_of(state)
         return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
@@ -178,7 +178,7 @@ class Joined(ABC):
 def splittings(
     numerical: Substructure, physical: Substructure, dt: float, coupling: Coupling, alpha: float = 0.0
 ) -> tuple[OperatorSplitting, OperatorSplitting]:
-    """Make the splittings of the coarse and the fine part, with the signs of L."""
+    """Operator splittings of the coarse and the fine part, with the signs of L."""
     rows = len(numerical.interface), len(physical.interface)
     if rows[0] != rows[1] or rows[0] == 0:
         raise InputError(

@@ -1,7 +1,7 @@
-"""A benchmark of couplings: two floors, of which the lower storey is the physical part.
+"""A benchmark of couplings: two floors, with the lower storey as the physical part.
 
 Two floors of 12 000 kg on storeys of 7.6e6 N/m; the lower storey with half of the first floor is the physical part. Damping is
-(2ζ/ω₁) K₀ with ζ = 3 %, and the ground accelerates by 3 sin²(π t / 0.5 s) m/s² for half a second.
+(2ζ/ω₁) K₀ with ζ = 3 %, and the ground acceleration is 3 sin²(π t / 0.5 s) m/s² for half a second.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from structid.models.hysteretic.shear_frame import ShearFrame
 
 MASS, STIFFNESS, DAMPING_RATIO = 12_000.0, 7.6e6, 0.03
 LAW = {"alpha": 0.05, "beta": 63.0, "gamma": 63.0, "delta_nu": 2.43, "delta_eta": 6.5}
-"""Of both storeys, where they are hysteretic."""
+"""Constitutive law of both storeys, where they are hysteretic."""
 PULSE, STRENGTH = 0.5, 3.0
 """Length [s] and peak [m/s²] of the ground motion."""
 
 
 def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
-    """Give the frame in one piece."""
+    """The whole frame."""
     law: dict[str, Any] = LAW if hysteretic else {"alpha": 1.0, "beta": 0.0, "gamma": 0.0}
     initial = stiffness_matrix(np.full(2, STIFFNESS))
     omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])
@@ -48,6 +48,6 @@ def two_floors(
 ) -> PartitionedHistories:
     """Run the benchmark."""
     numerical, physical = cut_frame(two_floor_frame(hysteretic), 1, linear=not hysteretic)
-    joined = (PrakashHjelmstad() if coupling is None else coupling).joined(numerical, physical, dt)
+    coupled = (PrakashHjelmstad() if coupling is None else coupling).joined(numerical, physical, dt)
     steps = round(duration / dt)
-    return run_over(joined, pulse(np.arange(steps * joined.substeps + 1) * joined.fine.step))
+    return run_over(coupled, pulse(np.arange(steps * coupled.substeps + 1) * coupled.fine.step))

@@ -1,4 +1,4 @@
-"""One part over one step: α-operator splitting, in which the restoring force is imposed once and read once.
+"""α-operator splitting of one part, in which the restoring force is imposed once and read once per step.
 
 Sources: T. M. Hughes, K. S. Pister & R. L. Taylor (1979) for the splitting, H. M. Hilber, T. J. R. Hughes & R. L. Taylor (1977) for
 α, D. Combescure & P. Pegon (1997) for both in a pseudo-dynamic test; see docs/bibliography.md.
@@ -24,25 +24,33 @@ Imposing = Callable[[Any, Any], tuple[Any, Any]]
 class PartState(NamedTuple):
     """State of a part between two steps; arrays (dof,) or (dof, run)."""
 
-    displacement: Any  # u, v, a
-    velocity: Any  # u, v, a
-    acceleration: Any  # u, v, a
-    force: Any  # r, the restoring force at u as the splitting has it
-    imposed: Any  # ũ, at which the force was taken last, and r̃, which was found there
-    reading: Any  # ũ, at which the force was taken last, and r̃, which was found there
-    memory: Any  # Of the restoring force
+    displacement: Any  # u
+    velocity: Any  # v
+    acceleration: Any  # a
+    force: Any  # r, the restoring force at u in the splitting
+    imposed: Any  # ũ, at which the force was last evaluated
+    reading: Any  # r̃, the force there
+    memory: Any  # memory of the restoring force
+
+    def linear(self) -> tuple[Any, Any, Any, Any]:
+        """What the next step of a linear part depends on: u, v, a, r."""
+        return self.displacement, self.velocity, self.acceleration, self.force
+
+    def recorded(self) -> tuple[Any, Any, Any, Any, Any, Any]:
+        """What is written down: all but the memory, in the order of `PartHistory`."""
+        return *self.linear(), self.imposed, self.reading
 
 
 class Link(NamedTuple):
     """Linear response of a part to a change of the interface forces, (dof,) or (dof, run); to unit forces (dof, interface)."""
 
-    displacement: Any  # Changes of u, v, a, r
-    velocity: Any  # Changes of u, v, a, r
-    acceleration: Any  # Changes of u, v, a, r
-    force: Any  # Changes of u, v, a, r
+    displacement: Any  # change of u
+    velocity: Any  # change of v
+    acceleration: Any  # change of a
+    force: Any  # change of r
 
     def added_to(self, state: PartState, factor: Float[Array, "interface *run"] = 1.0) -> PartState:
-        """Correct a state."""
+        """Add the response to a state."""
         u, v, a, r = (x if isinstance(factor, float) else x @ factor for x in self)
         return state._replace(
             displacement=state.displacement + u,
@@ -67,8 +75,8 @@ class OperatorSplitting:
 
     part: Substructure
     step: float  # h [s]
-    alpha: float = 0.0  # α, from −1/3 to 0: below zero it damps high frequencies
-    sign: float = 1.0  # Of the part's rows in Σ L v = 0
+    alpha: float = 0.0  # α, from −1/3 to 0; negative values damp high frequencies
+    sign: float = 1.0  # sign of the part's rows in Σ L v = 0
 
     @property
     def gamma(self) -> float:
@@ -99,7 +107,7 @@ class OperatorSplitting:
 
     @cached_property
     def unit_link(self) -> Link:
-        """Response to a change of each interface force by one at the end of a step, from rest."""
+        """Response to a unit change of each interface force at the end of a step, from rest."""
         h = self.step
         a = (1.0 + self.alpha) * self.inverse @ self.columns
         u = self.beta * h**2 * a
@@ -144,6 +152,6 @@ class OperatorSplitting:
         )
 
     def virtually(self, state: PartState) -> Imposing:
-        """What would answer if the part were linear from now on: r + K₀ (ũ − u). Nothing moves."""
+        """Response of a part that is linear from now on, r + K₀ (ũ − u), without any motion."""
         force, displacement, stiffness = state.force, state.displacement, self.part.stiffness
         return lambda memory, imposed: (force + stiffness @ (imposed - displacement), memory)

@@ -20,33 +20,28 @@ class PartHistory:
     """Motion of one part; see `PartState`."""
 
     time: Float[np.ndarray, " time"]  # [s]
-    displacement: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
-    velocity: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
-    acceleration: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
-    force: Float[np.ndarray, "time dof"]  # u [m], v [m/s], a [m/s²], r [N]
-    imposed: Float[np.ndarray, "time dof"]  # ũ, and the force r̃ that was found there
-    reading: Float[np.ndarray, "time dof"]  # ũ, and the force r̃ that was found there
+    displacement: Float[np.ndarray, "time dof"]  # u [m]
+    velocity: Float[np.ndarray, "time dof"]  # v [m/s]
+    acceleration: Float[np.ndarray, "time dof"]  # a [m/s²]
+    force: Float[np.ndarray, "time dof"]  # r [N]
+    imposed: Float[np.ndarray, "time dof"]  # ũ [m]
+    reading: Float[np.ndarray, "time dof"]  # r̃ [N]
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseHistory:
-    """The structure at the end of every coarse step, first of all at rest."""
+    """The structure at rest and at the end of every coarse step."""
 
     time: Float[np.ndarray, " time"]  # [s]
-    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
-    # numerical part that are not at the interface
-    u: Float[np.ndarray, "time dof"]
-    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
-    # numerical part that are not at the interface
-    v: Float[np.ndarray, "time dof"]
-    # Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the
-    # numerical part that are not at the interface
-    a: Float[np.ndarray, "time dof"]
+    # The degrees of freedom of the physical part, then those of the numerical part that are not at the interface:
+    u: Float[np.ndarray, "time dof"]  # displacement [m]
+    v: Float[np.ndarray, "time dof"]  # velocity [m/s]
+    a: Float[np.ndarray, "time dof"]  # acceleration [m/s²]
     traction: Float[np.ndarray, "time interface"]  # Λ [N]
-    gap: Float[np.ndarray, " time"]  # Difference of the displacements of both parts at the interface [m]
-    pseudo_energy: Float[np.ndarray, " time"]  # Of the interface in each step [W/s]
-    numerical: PartHistory  # Of the parts
-    physical: PartHistory  # Of the parts
+    gap: Float[np.ndarray, " time"]  # difference of the displacements of both parts at the interface [m]
+    pseudo_energy: Float[np.ndarray, " time"]  # of the interface in each step [W/s]
+    numerical: PartHistory  # numerical part
+    physical: PartHistory  # physical part
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,49 +50,53 @@ class FineHistory:
 
     # Its motion. What the coupling adds at the end of a coarse step is in `CoarseHistory` and not here
     part: PartHistory
-    traction: Float[np.ndarray, "time interface"]  # Λ that it felt [N]
+    traction: Float[np.ndarray, "time interface"]  # Λ acting on it [N]
 
 
 @dataclass(frozen=True, eq=False)
 class PartitionedHistories:
     """Histories on the two clocks."""
 
-    coarse: CoarseHistory  # Of both parts
-    fine: FineHistory  # Of the fine part
+    coarse: CoarseHistory  # of both parts
+    fine: FineHistory  # of the fine part
 
 
-def steps_over(joined: Joined, start: CoupledState, base: Float[np.ndarray, " _"]) -> Iterator[CoarseStep]:
+def steps_over(coupled: Joined, start: CoupledState, base: Float[np.ndarray, " _"]) -> Iterator[CoarseStep]:
     """Take every coarse step of a record."""
-    state, count = start, joined.substeps
+    state, count = start, coupled.substeps
     for first in range(0, len(base) - 1, count):
-        step = joined.step(state, base[first : first + count + 1])
+        step = coupled.step(state, base[first : first + count + 1])
         yield step
         state = step.state
 
 
-def base_of(record: GroundMotion, joined: Joined, duration: float | None = None) -> Float[np.ndarray, " _"]:
+def base_of(record: GroundMotion, coupled: Joined, duration: float | None = None) -> Float[np.ndarray, " _"]:
     """Acceleration of the base at every fine step."""
     length = record.duration if duration is None else duration
-    steps = int(np.floor(length / joined.dt + 1e-9))
+    steps = int(np.floor(length / coupled.dt + 1e-9))
     if steps < 1:
-        raise InputError("dt", f"{joined.dt:g} s, and the record lasts {length:g} s", "a coarse step that fits into it")
-    return record.values_at(np.arange(steps * joined.substeps + 1) * joined.fine.step)
+        raise InputError(
+            "dt", f"{coupled.dt:g} s, and the record lasts {length:g} s", "a coarse step that fits into it"
+        )
+    return record.values_at(np.arange(steps * coupled.substeps + 1) * coupled.fine.step)
 
 
 @dataclass(frozen=True, eq=False)
 class StepFrame:
-    """How a step is written as one row of numbers, and how rows are read as histories."""
+    """Layout of a step as one row of numbers, and of rows as histories."""
 
-    numerical_rows: Float[np.ndarray, "interface dof"]  # L of the parts, with their signs
-    physical_rows: Float[np.ndarray, "interface physical_dof"]  # L of the parts, with their signs
+    numerical_rows: Float[np.ndarray, "interface dof"]  # L of the numerical part, with its sign
+    physical_rows: Float[np.ndarray, "interface physical_dof"]  # L of the physical part, with its sign
     dt: float  # Δt [s]
     substeps: int  # ss
-    fine_is_physical: bool  # Which part takes them
+    fine_is_physical: bool  # whether the physical part takes fine steps
 
     @classmethod
-    def of(cls, joined: Joined) -> StepFrame:
-        """Take that of coupled parts."""
-        return cls(joined.numerical.rows, joined.physical.rows, joined.dt, joined.substeps, joined.fine_is_physical)
+    def of(cls, coupled: Joined) -> StepFrame:
+        """The layout of coupled parts."""
+        return cls(
+            coupled.numerical.rows, coupled.physical.rows, coupled.dt, coupled.substeps, coupled.fine_is_physical
+        )
 
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
@@ -118,18 +117,17 @@ class StepFrame:
         return sum(math.prod(shape) for shape in self._shapes.values())
 
     def row_of(self, step: CoarseStep) -> Float[np.ndarray, " width"]:
-        """Write a step."""
-        state = step.state
-        parts = (*state.numerical[:6], *state.physical[:6], state.traction, np.atleast_1d(step.pseudo_energy))
-        return np.concatenate([np.ravel(x) for x in (*parts, *step.fine.part[:6], step.fine.traction)])
+        """Write a step as a row."""
+        fine = (*step.fine.part.recorded(), step.fine.traction)
+        return np.concatenate([_numbers(step.state), np.atleast_1d(step.pseudo_energy), *(np.ravel(x) for x in fine)])
 
     def start_of(self, start: CoupledState) -> Float[np.ndarray, " width"]:
-        """Write the state before the first step, as a step in which nothing fine has happened."""
-        known = np.concatenate([np.ravel(x) for x in (*start.numerical[:6], *start.physical[:6], start.traction)])
-        return np.concatenate([known, np.zeros(self.width - len(known))])
+        """Write the initial state as a step without fine states."""
+        numbers = _numbers(start)
+        return np.concatenate([numbers, np.zeros(self.width - len(numbers))])
 
     def histories(self, rows: Float[np.ndarray, "_ width"]) -> PartitionedHistories:
-        """Read rows."""
+        """Read rows as histories."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])[:-1]
         pieces = zip(self._shapes.items(), np.split(rows, ends, axis=1), strict=True)
         read = {name: piece.reshape(len(rows), *shape) for (name, shape), piece in pieces}
@@ -159,9 +157,15 @@ class StepFrame:
         return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
 
 
-def run_over(joined: Joined, base: Float[np.ndarray, " _"]) -> PartitionedHistories:
+def _numbers(state: CoupledState) -> Float[np.ndarray, " _"]:
+    """Both parts and the interface forces as the first numbers of a row."""
+    parts = (*state.numerical.recorded(), *state.physical.recorded(), state.traction)
+    return np.concatenate([np.ravel(x) for x in parts])
+
+
+def run_over(coupled: Joined, base: Float[np.ndarray, " _"]) -> PartitionedHistories:
     """Run both parts over a record."""
-    start, frame = joined.start(base[0]), StepFrame.of(joined)
+    start, frame = coupled.start(base[0]), StepFrame.of(coupled)
     return frame.histories(
-        np.stack([frame.start_of(start), *(frame.row_of(step) for step in steps_over(joined, start, base))])
+        np.stack([frame.start_of(start), *(frame.row_of(step) for step in steps_over(coupled, start, base))])
     )

@@ -1,7 +1,7 @@
 """The coupling of Prakash and Hjelmstad: velocities continuous at coarse steps, interface forces linear within them.
 
-Source: A. Prakash & K. D. Hjelmstad (2004, Int. J. Numer. Meth. Eng. 61, 2183). What a fine specimen needs is ours: interface
-forces that are guessed before it moves, see `PrakashHjelmstad`.
+Source: A. Prakash & K. D. Hjelmstad (2004, Int. J. Numer. Meth. Eng. 61, 2183). For a fine specimen, interface forces must be
+predicted before it moves; this extension is ours, see `PrakashHjelmstad`.
 """
 
 from __future__ import annotations
@@ -79,11 +79,11 @@ class PrakashHjelmstad(Coupling):
 class JoinedAtCoarseSteps(Joined):
     """Two parts whose velocities agree at the end of every coarse step; see `PrakashHjelmstad`."""
 
-    virtual: bool = False  # Whether Λ* is guessed by a virtual step
+    virtual: bool = False  # whether Λ* is predicted by a virtual step
 
     @property
     def guesses_for_specimen(self) -> bool:
-        """Whether the specimen moves under interface forces that were guessed; see `Joined.guesses_for_specimen`."""
+        """Whether the specimen moves under predicted interface forces; see `Joined.guesses_for_specimen`."""
         return self.virtual and self.fine_is_physical
 
     @cached_property
@@ -116,7 +116,7 @@ class JoinedAtCoarseSteps(Joined):
         return CoarseStep(after, within, (gained * (after.traction - traction)).sum(axis=0) / self.dt)
 
     def _guessed(self, before: tuple[PartState, PartState], traction: Any, bases: Any) -> Any:
-        """Λ* of a virtual step from Λ* = Λ_n, in which both parts answer linearly and nothing moves."""
+        """Λ* of a virtual step from Λ* = Λ_n, in which both parts respond linearly and nothing moves."""
         xp = namespace(traction)
         coarse, fine, shaking, pulling = self.foreseen
         shaken = shaking @ bases
@@ -125,13 +125,13 @@ class JoinedAtCoarseSteps(Joined):
 
     @cached_property
     def foreseen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Σ L v at the end of a virtual step, which is linear: of (u, v, a, r) of A and of B, of the base, and of Λ_n."""
+        """Σ L v at the end of a virtual step, which is linear in (u, v, a, r) of A and of B, in the base, and in Λ_n."""
         sizes = [self.coarse.part.dofs] * 4 + [self.fine.part.dofs] * 4 + [self.substeps + 1, len(self.coarse.rows)]
         units = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
         coarse, fine = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
         bases, pair = units[8], (units[9], units[9])
-        moved = self.coarse.free(coarse, bases[:: self.substeps], pair, self.coarse.virtually(coarse))
-        missed = self.missed_velocity(moved, self._freely(fine, bases, pair, self.fine.virtually(fine))[0])
+        end_state = self.coarse.free(coarse, bases[:: self.substeps], pair, self.coarse.virtually(coarse))
+        missed = self.missed_velocity(end_state, self._freely(fine, bases, pair, self.fine.virtually(fine))[0])
         ends = np.cumsum([sum(sizes[:4]), sum(sizes[4:8]), sizes[8]])
         whole = np.split(missed, ends, axis=1)
         return whole[0], whole[1], whole[2], whole[3]
@@ -139,15 +139,15 @@ class JoinedAtCoarseSteps(Joined):
     def _freely(
         self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
     ) -> tuple[PartState, Any]:
-        """Step B under interface forces that change linearly."""
+        """Step B under linearly changing interface forces."""
         first, change = tractions[0], tractions[1] - tractions[0]
 
         def step(carried: PartState, row: Any) -> tuple[PartState, Any]:
             base, share = row
             before, after = first + (share - 1.0 / self.substeps) * change, first + share * change
-            moved = self.fine.free(carried, base, (before, after), imposing)
-            return moved, self.seen(moved, after)
+            next_state = self.fine.free(carried, base, (before, after), imposing)
+            return next_state, self.seen(next_state, after)
 
         pairs = namespace(state.velocity).stack([bases[:-1], bases[1:]], axis=1)
-        found: tuple[PartState, Any] = in_sequence(step, state, (pairs, self.shares))
-        return found
+        end_state: tuple[PartState, Any] = in_sequence(step, state, (pairs, self.shares))
+        return end_state

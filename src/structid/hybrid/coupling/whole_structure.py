@@ -1,4 +1,4 @@
-"""Both parts as one linear structure: its modes, the specimen's share in each, its critical delay."""
+"""Both parts as one linear structure: its modes, the specimen's fraction in each, its critical delay."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from structid.hybrid.coupling.base import Joined
 
 @dataclass(frozen=True, eq=False)
 class WholeStructure:
-    """Parts that are tied at their interface, in degrees of freedom of the whole."""
+    """Parts tied at their interface, in degrees of freedom of the whole."""
 
-    mass: Float[np.ndarray, "dof dof"]  # M [kg] and C [N s/m]
-    damping: Float[np.ndarray, "dof dof"]  # M [kg] and C [N s/m]
-    numerical: Float[np.ndarray, "dof dof"]  # Initial stiffnesses of the parts [N/m]
-    physical: Float[np.ndarray, "dof dof"]  # Initial stiffnesses of the parts [N/m]
+    mass: Float[np.ndarray, "dof dof"]  # M [kg]
+    damping: Float[np.ndarray, "dof dof"]  # C [N s/m]
+    numerical: Float[np.ndarray, "dof dof"]  # initial stiffness of the numerical part [N/m]
+    physical: Float[np.ndarray, "dof dof"]  # initial stiffness of the physical part [N/m]
 
     @classmethod
-    def of(cls, joined: Joined) -> WholeStructure:
+    def of(cls, coupled: Joined) -> WholeStructure:
         """Tie both parts: all displacements that satisfy Σ L u = 0."""
-        sides = joined.numerical, joined.physical
+        sides = coupled.numerical, coupled.physical
         basis = scipy.linalg.null_space(np.concatenate([s.rows for s in sides], axis=1))
         maps = np.split(basis, [sides[0].part.dofs])
 
         def tied(name: str) -> np.ndarray:
-            """Of both parts, shape (part, dof, dof)."""
+            """A matrix of both parts, shape (part, dof, dof)."""
             return np.stack([z.T @ getattr(s.part, name) @ z for s, z in zip(sides, maps, strict=True)])
 
         return cls(tied("mass").sum(axis=0), tied("damping").sum(axis=0), *tied("stiffness"))
@@ -44,7 +44,7 @@ class WholeStructure:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """ω of every mode [rad/s], rising."""
+        """ω of every mode [rad/s], ascending."""
         return np.asarray(np.sqrt(self._modes[0]))
 
     @property
@@ -56,7 +56,7 @@ class WholeStructure:
 
     @property
     def shares(self) -> np.ndarray:
-        """P of every mode: φᵀ K_P φ / ω², the specimen's share of its stiffness."""
+        """P of every mode: φᵀ K_P φ / ω², the specimen's fraction of its stiffness."""
         squares, shapes = self._modes
         return np.asarray(
             np.einsum("im,ij,jm->m", shapes, self.physical, shapes) / np.maximum(squares, np.finfo(float).tiny)
@@ -68,5 +68,5 @@ class WholeStructure:
         return critical_delay_of(self.mass, self.damping, self.numerical, self.physical)
 
     def growing_oscillations(self, factor: Callable[[float], complex]) -> int:
-        """Count the oscillations that grow where the specimen's force comes multiplied by G."""
+        """Number of growing oscillations if the specimen's force is multiplied by G."""
         return growing_oscillations(self.mass, self.damping, self.numerical, self.physical, factor)

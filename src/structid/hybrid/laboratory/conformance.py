@@ -1,8 +1,8 @@
-"""Thirty checks of a server that speaks the specimen's protocol: what it must answer, and what it must not obey.
+"""Thirty checks of a server that implements the specimen protocol: required answers, and requests it must refuse.
 
-The only motions asked for are to stay at zero, and one beyond a limit, which must be refused. A specimen that tells no limit is not
-asked.
-At the end the specimen holds its position for good, as it must after a refused move. Start the server again before a test.
+The only motions requested are to stay at zero, and one beyond a limit, which must be refused. A specimen without declared limits
+is not asked for it.
+At the end the specimen holds its position for good, as it must after a refused move. Restart the server before a test.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ from structid.hybrid.laboratory.wire import (
 )
 
 PATIENCE = 3.0
-"""How long an answer, or the end of a connection, may take [s]."""
+"""Time limit for an answer, or for the end of a connection [s]."""
 GRACE = 0.5
-"""How much longer than its watchdog a server may take to end a session [s]."""
+"""Time beyond its watchdog within which a server must end a session [s]."""
 
 
 class Finding(NamedTuple):
     """One check."""
 
-    what: str  # What the server must do
-    passed: bool  # Whether it does
-    came: str = ""  # What it did instead; empty where it passed
+    what: str  # requirement
+    passed: bool  # whether it is met
+    came: str = ""  # what happened instead; empty where it passed
 
 
 class _Failed(Exception):
@@ -59,7 +59,7 @@ class _Failed(Exception):
 
 
 class _Peer:
-    """A client that may say anything."""
+    """A client that may send anything."""
 
     def __init__(self, where: tuple[str, int], secret: bytes) -> None:
         self.where, self.secret, self.key = where, secret, greeting_key(secret)
@@ -75,7 +75,7 @@ class _Peer:
         self.connection.close()
 
     def say(self, message: bytes) -> None:
-        """Send any bytes."""
+        """Send bytes."""
         self.connection.sendall(message)
 
     def hear(self, key: bytes | None = None) -> Frame:
@@ -87,13 +87,13 @@ class _Peer:
 
     def greet(self, nonce: bytes | None = None) -> _Peer:
         """Open a session."""
-        own = nonce or secrets.token_bytes(NONCE)
-        self.say(hello(own, greeting_key(self.secret)))
+        own_nonce = nonce or secrets.token_bytes(NONCE)
+        self.say(hello(own_nonce, greeting_key(self.secret)))
         frame = self.hear()
         if frame.kind is not Kind.WELCOME:
             raise _Failed(f"it answered {frame.kind.name}: {frame.payload.decode('utf-8', 'replace')}")
         self.welcome = read_json(Welcome, frame.payload)
-        self.key = session_key(self.secret, own, bytes.fromhex(self.welcome.nonce))
+        self.key = session_key(self.secret, own_nonce, bytes.fromhex(self.welcome.nonce))
         return self
 
     def ask(self, kind: Kind, payload: bytes = b"") -> Frame:
@@ -106,7 +106,7 @@ class _Peer:
         return answer
 
     def expect_end(self, patience: float = PATIENCE) -> None:
-        """Demand that the server says nothing more, and ends the connection."""
+        """Require that the server sends nothing more, and ends the connection."""
         self.connection.settimeout(patience)
         try:
             if self.connection.recv(1):
@@ -118,7 +118,7 @@ class _Peer:
 
 
 def hello(nonce: bytes, key: bytes, sequence: int = 0) -> bytes:
-    """Write a HELLO."""
+    """Build a HELLO."""
     return packed(
         Frame(Kind.HELLO, sequence, Hello(nonce=nonce.hex(), software="conformance").model_dump_json().encode()), key
     )
@@ -130,13 +130,13 @@ _Message = Callable[[_Peer], bytes]
 
 
 def _headed(key: bytes, *fields: object) -> bytes:
-    """A frame of any head, with a valid tag and no payload."""
+    """A frame with an arbitrary header, a valid tag and no payload."""
     head = HEADER.pack(*fields)
     return head + hmac.digest(key, head, "sha256")
 
 
 def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
-    """Demand that a server ends a connection which begins like this."""
+    """Require that a server ends a connection that begins like this."""
 
     def check() -> None:
         with new() as peer:
@@ -147,7 +147,7 @@ def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
 
 
 def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
-    """Demand that a server ends a session in which this comes second."""
+    """Require that a server ends a session with this second message."""
 
     def check() -> None:
         with new() as peer:
@@ -159,7 +159,7 @@ def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
 
 
 def _greeting(new: _Open) -> Iterator[_Check]:
-    """Checks of how a session begins."""
+    """Checks of the start of a session."""
 
     def welcomed() -> None:
         new().greet()
@@ -172,13 +172,13 @@ def _greeting(new: _Open) -> Iterator[_Check]:
                 raise _Failed("it repeats another one")
 
     def nonces_differ() -> None:
-        nonce, found = secrets.token_bytes(NONCE), []
+        nonce, result = secrets.token_bytes(NONCE), []
         for _ in range(2):
             with new() as peer:
                 peer.greet(nonce)
-                found.append(peer.welcome.nonce if peer.welcome else "")
+                result.append(peer.welcome.nonce if peer.welcome else "")
                 peer.ask(Kind.CLOSE)
-        if found[0] == found[1]:
+        if result[0] == result[1]:
             raise _Failed("they are the same")
 
     yield "answers a HELLO by a WELCOME with a valid description", welcomed
@@ -187,7 +187,7 @@ def _greeting(new: _Open) -> Iterator[_Check]:
 
 
 def _false_greetings() -> Iterator[tuple[str, _Message]]:
-    """What may not begin a session."""
+    """Messages that must not start a session."""
     nonce = bytes(NONCE)
     yield "drops a HELLO with another secret", lambda p: hello(nonce, b"another")
     yield "drops another version of the protocol", lambda p: _headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0)
@@ -205,7 +205,7 @@ def _false_greetings() -> Iterator[tuple[str, _Message]]:
 
 
 def _second_client(new: _Open) -> Iterator[_Check]:
-    """A specimen has one master."""
+    """Only one client may control a specimen."""
 
     def one_at_a_time() -> None:
         with new() as first, new() as second:
@@ -222,7 +222,7 @@ def _second_client(new: _Open) -> Iterator[_Check]:
 
 
 def _false_requests() -> Iterator[tuple[str, _Message]]:
-    """What a session may not say second."""
+    """Messages that must not be second in a session."""
 
     def not_finite(peer: _Peer) -> bytes:
         assert peer.welcome is not None
@@ -257,13 +257,13 @@ def _session(new: _Open) -> Iterator[_Check]:
             peer.ask(Kind.CLOSE)
 
     def replayed() -> None:
-        own = secrets.token_bytes(NONCE)
+        own_nonce = secrets.token_bytes(NONCE)
         with new() as peer:
-            recorded = packed(Frame(Kind.PING, 1), peer.greet(own).key)
+            recorded = packed(Frame(Kind.PING, 1), peer.greet(own_nonce).key)
             peer.ask(Kind.PING)
             peer.ask(Kind.CLOSE)
         with new() as peer:
-            peer.greet(own)
+            peer.greet(own_nonce)
             peer.say(recorded)
             peer.expect_end()
 
@@ -294,7 +294,7 @@ def _session(new: _Open) -> Iterator[_Check]:
 
 
 def _motion(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Checks of a specimen that stays where it is, and is then asked to go too far."""
+    """Checks of a specimen that stays in place, and is then asked to exceed a limit."""
 
     def moved(peer: _Peer, place: float) -> Frame:
         assert peer.welcome is not None
@@ -373,11 +373,11 @@ def conformance(address: str, secret: str | bytes) -> list[Finding]:
         *_session(new),
         *_motion(new),
     )
-    found = []
+    findings = []
     for what, check in checks:
         try:
             check()
-            found.append(Finding(what, True))
+            findings.append(Finding(what, True))
         except (_Failed, WireError, OSError) as error:
-            found.append(Finding(what, False, str(error)))
-    return found
+            findings.append(Finding(what, False, str(error)))
+    return findings

@@ -30,12 +30,12 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenDescr
 
 SIZES = struct.Struct("<11i")
 LEAST_LENGTH = 256
-"""D that every site server takes."""
+"""Smallest D that every site server accepts."""
 COMMAND, COMMIT, ACQUIRE, DIE = 3.0, 5.0, 6.0, 99.0
 CONNECTING = 5.0
-"""How long a connection may take [s]."""
+"""Time limit for a connection [s]."""
 SILENCE = 1.0
-"""How much longer than its motion an answer may take [s]."""
+"""Time beyond its motion within which an answer must come [s]."""
 LOOPBACKS = ("127.0.0.1", "::1", "localhost")
 
 
@@ -145,14 +145,14 @@ class OpenFrescoSpecimen(Specimen):
     # --- the wire -----------------------------------------------------------------------------------------------
 
     def _opened(self) -> socket.socket:
-        """Connect, and say what will be commanded and acquired."""
+        """Connect, and declare what will be commanded and acquired."""
         try:
             connection = socket.create_connection(self._where, CONNECTING)
         except OSError as error:
-            said = (
+            header = (
                 f"No site server answers at {self.address}: {error.strerror or error}. Start it, or check the address."
             )
-            raise SpecimenError(said) from None
+            raise SpecimenError(header) from None
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         count = len(self._last)
         connection.sendall(SIZES.pack(count, 0, 0, 0, 0, count, 0, 0, count, 0, self._length))
@@ -186,7 +186,7 @@ class OpenFrescoSpecimen(Specimen):
         return np.frombuffer(content, dtype="<f8").astype(np.float64)
 
     def _end(self, reason: str) -> None:
-        """End the session by its code, so that the server does not wait for ever."""
+        """End the session by its code, so that the server does not wait forever."""
         self._over = self._over or reason
         if self._connection is not None:
             with contextlib.suppress(OSError):

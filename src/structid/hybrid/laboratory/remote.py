@@ -1,4 +1,4 @@
-"""A specimen in another process, with the face of one in this."""
+"""A specimen in another process, with the interface of a local one."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from structid.hybrid.laboratory.wire import (
 )
 
 SILENCE = 0.05
-"""How much longer than its motion an answer may take [s]."""
+"""Time beyond its motion within which an answer must come [s]."""
 CONNECTING = 5.0
-"""How long a connection and a greeting may take [s]."""
+"""Time limit for a connection and a greeting [s]."""
 
 
 @check_arguments
@@ -89,7 +89,7 @@ class RemoteSpecimen(Specimen):
         return connection, session_key(self._secret, nonce, bytes.fromhex(welcome.nonce)), welcome.description
 
     def _asked(self, kind: Kind, payload: bytes, patience: float) -> Frame:
-        """Send a request, and wait for its answer; whatever else comes ends the session."""
+        """Send a request and wait for its answer; anything else ends the session."""
         if self._over:
             raise SpecimenError(f"The session is over: {self._over} A test is not resumed.")
         try:

@@ -1,4 +1,4 @@
-"""A specimen's own process: it serves one test at a time, obeys what is signed and in order, and holds when in doubt."""
+"""The server process of a specimen: one test at a time, only authenticated requests in order, and hold when in doubt."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ from structid.hybrid.laboratory.wire import (
 )
 
 WATCHDOG = 1.0
-"""Silence [s] after which a session is over."""
+"""Silence [s] after which a session ends."""
 GREETING = 1.0
-"""How long a client may take to say HELLO [s]."""
+"""Time limit for a client's HELLO [s]."""
 CHANGE_OVER = 0.2
-"""How long a client waits for a session that is just ending [s]."""
+"""Time for which a client waits for a session that is ending [s]."""
 MOST_CONNECTIONS = 32
-"""Connections at once, with all strangers; more are closed unheard."""
+"""Largest number of simultaneous connections, unauthenticated ones included; more are closed at once."""
 LOOPBACK = "127.0.0.1"
 
 Log = Callable[[str], None]
 
 
 def parsed_address(address: str) -> tuple[str, int]:
-    """Take an address apart."""
+    """Split an address into host and port."""
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
         raise InputError("address", f"'{address}'", "a host and a port, such as 127.0.0.1:7700")
@@ -66,9 +66,9 @@ class _Session:
 
 @contextlib.contextmanager
 def _without_long_pauses() -> Iterator[None]:
-    """Leave what the process holds now out of Python's collections of garbage.
+    """Exclude the process's current objects from Python's garbage collection.
 
-    To look through all that JAX brings takes 50 ms and more, in the middle of a test: a client would take it for silence.
+    Scanning all objects of JAX takes 50 ms and more; during a test a client would take it for silence.
     """
     gc.freeze()
     try:
@@ -142,7 +142,7 @@ class SpecimenServer:
 
     @property
     def address(self) -> str:
-        """Where it listens, such as ``"127.0.0.1:7700"``."""
+        """Address on which it listens, such as ``"127.0.0.1:7700"``."""
         host, port = self._listening.getsockname()[:2]
         return f"{host}:{port}"
 
@@ -159,7 +159,7 @@ class SpecimenServer:
             thread.join()
 
     def stop(self) -> None:
-        """End serving; a session in progress ends at its next request or silence."""
+        """Stop serving; a session in progress ends at its next request or silence."""
         self._stopping.set()
 
     def serve(self) -> None:
@@ -201,7 +201,7 @@ class SpecimenServer:
                     self._busy.release()
 
     def _greeted(self, connection: socket.socket) -> _Session | None:
-        """Answer a HELLO; None where nobody is let in. The specimen is this session's until it ends."""
+        """Answer a HELLO; None where the client is refused. The specimen is reserved for this session until it ends."""
         key = greeting_key(self._secret)
         frame = received(connection, key, GREETING, LARGEST_GREETING)
         if frame is None:
@@ -243,7 +243,7 @@ class SpecimenServer:
             self.specimen.hold("the server was stopped")
 
     def _answer(self, session: _Session, frame: Frame) -> Frame:
-        """Do what a request asks for."""
+        """Execute a request."""
         match frame.kind:
             case Kind.PING:
                 return Frame(Kind.PONG, 0)

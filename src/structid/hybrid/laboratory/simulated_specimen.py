@@ -1,4 +1,4 @@
-"""A program in the place of a specimen: a law of springs or a wall, behind actuators and sensors."""
+"""A simulated specimen: hysteretic springs or a wall, behind actuators and sensors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenChann
 from structid.mechanics.restoring_forces import CollapseError, RestoringForce
 
 RELEASED = 1e-7
-"""Force of an unloaded specimen over its largest one."""
+"""Force of an unloaded specimen relative to its largest one."""
 MOST_RELEASES = 2000
-"""Moves towards it."""
+"""Largest number of moves towards it."""
 
 
 @check_arguments
@@ -142,30 +142,31 @@ class SimulatedSpecimen(Specimen):
         return Reading(displacement, force)
 
     def _forces(self, places: np.ndarray, last: int) -> np.ndarray:
-        """Forces at the places from number `last` on, after the whole path.
+        """Forces at the positions from index `last` on, after the whole path.
 
-        A rate-independent structure remembers where its path turns and how it came there, not every controller step. It is moved to
-        turning points, to places `largest_move` apart, and to both ends of what is averaged; forces between them lie on a line.
+        A rate-independent structure depends on the turning points of its path, not on every controller step. It is moved to
+        turning points, to positions `largest_move` apart, and to both ends of the averaged range; forces between them are
+        interpolated.
         """
         kept = self._kept(np.concatenate([self._place[None], places]), last)
-        found = []
+        forces = []
         for index in kept:
             self._impose(places[index])
-            found.append(self._force)
-        wanted, stops = np.arange(last, len(places)), np.array(kept)
+            forces.append(self._force)
+        indices, stops = np.arange(last, len(places)), np.array(kept)
         within = stops >= last
         return np.stack(
-            [np.interp(wanted, stops[within], np.array(found)[within, k]) for k in range(places.shape[1])], axis=1
+            [np.interp(indices, stops[within], np.array(forces)[within, k]) for k in range(places.shape[1])], axis=1
         )
 
     def _impose(self, place: np.ndarray) -> None:
-        """Move the structure to a place."""
+        """Move the structure to a position."""
         self._force, self._memory = self.structure.at(self._memory, place)
         self._place = place
         self._largest = max(self._largest, float(np.abs(self._force - self._static).max()))
 
     def _kept(self, places: np.ndarray, last: int) -> list[int]:
-        """Numbers of the places, from 0 for the second one given, to which the structure is moved."""
+        """Indices of the positions, counted from the second one, to which the structure is moved."""
         steps = np.diff(places, axis=0)
         turns = np.any(np.sign(steps[1:]) * np.sign(steps[:-1]) < 0.0, axis=1)
         far = np.floor(np.cumsum(np.abs(steps).max(axis=1)) / self.structure.largest_move)
@@ -210,8 +211,8 @@ class SimulatedSpecimen(Specimen):
         after._datum, after._held, after._command = after._place, "", 0.0 * after._place
         after._seed = self._seed + 1
         actuators = tuple(
-            a if a.stroke is None else replace(a, stroke=a.stroke - abs(float(moved)))
-            for a, moved in zip(self._transfer.actuators, after._datum - self._datum, strict=True)
+            a if a.stroke is None else replace(a, stroke=a.stroke - abs(float(displacement)))
+            for a, displacement in zip(self._transfer.actuators, after._datum - self._datum, strict=True)
         )
         after._transfer = TransferSystem(actuators, self._description.controller_step, after._seed)
         channels = tuple(
@@ -224,7 +225,7 @@ class SimulatedSpecimen(Specimen):
         return after
 
     def _unload(self, stiffness: np.ndarray) -> None:
-        """Move it until its force is the first one. With the largest stiffness no move goes beyond."""
+        """Move it until its force is the initial one. With the largest stiffness no move overshoots."""
         back = np.linalg.inv(stiffness)
         for _ in range(MOST_RELEASES):
             excess = self._force - self._static
@@ -244,5 +245,5 @@ class SimulatedSpecimen(Specimen):
 
     @property
     def position(self) -> np.ndarray:
-        """Where its pistons are, from its zero, shape (channel,) [m]."""
+        """Position of its pistons, relative to its zero, shape (channel,) [m]."""
         return self._place - self._datum

@@ -1,4 +1,4 @@
-"""A specimen as a hybrid test sees it: it says what it is, moves, holds its position, and refuses what is beyond its limits."""
+"""The interface of a specimen: it describes itself, moves, holds its position, and refuses what exceeds its limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST_PATH = 100_000
 
 
 class SpecimenError(StructidError):
-    """A specimen refused a move, fell silent, or its session ended. It holds its position; what was done before is kept."""
+    """A specimen refused a move, stopped answering, or its session ended. It holds its position; earlier data are kept."""
 
 
 class SpecimenChannel(BaseModel):
@@ -27,8 +27,8 @@ class SpecimenChannel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str  # What it is called
-    unit: Literal["m", "rad"] = "m"  # Of its displacement; its force is in N or N m
+    name: str  # name
+    unit: Literal["m", "rad"] = "m"  # unit of its displacement; its force is in N or N m
     # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
     stroke: Positive | None = None
     # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
@@ -40,22 +40,22 @@ class SpecimenChannel(BaseModel):
 
 
 class SpecimenDescription(BaseModel):
-    """What a specimen says of itself before a test."""
+    """A specimen's description of itself before a test."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str  # Of the specimen
+    name: str  # name of the specimen
     # What can be moved, in the order of every vector
     channels: Annotated[tuple[SpecimenChannel, ...], Field(min_length=1, max_length=MOST_CHANNELS)]
     controller_step: Positive = 1e-3  # T_c [s] of wall time
-    simulated: bool = False  # Whether it is a program. A test on one may be resumed; one on a structure never
-    stiffness: tuple[tuple[float, ...], ...] | None = None  # Initial stiffness in its channels, if it knows it
+    simulated: bool = False  # whether it is a program. A test on a program may be resumed; one on a structure never
+    stiffness: tuple[tuple[float, ...], ...] | None = None  # initial stiffness in its channels, if known
     # Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again
     datum: tuple[Finite, ...] | None = None
     # Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to
     # itself
     longest_path: Annotated[int, Field(ge=1, le=LONGEST_PATH)] = LONGEST_PATH
-    software: str = ""  # That drives it
+    software: str = ""  # software that drives it
 
     @model_validator(mode="after")
     def _square(self) -> Self:
@@ -68,7 +68,7 @@ class SpecimenDescription(BaseModel):
         return self
 
     def refusal(self, last: Float[np.ndarray, " channel"], path: Float[np.ndarray, "sample channel"]) -> str | None:
-        """Say why a path is beyond what the specimen may do; this is decided before anything moves."""
+        """Explain why a path exceeds the specimen's limits; decided before anything moves."""
         count = len(self.channels)
         if path.ndim != 2 or path.shape[1] != count or not 1 <= len(path) <= self.longest_path:
             return f"a path of shape {path.shape}; it has {count} channels and takes 1 to {self.longest_path} steps"
@@ -86,16 +86,16 @@ class SpecimenDescription(BaseModel):
 
 
 class Reading(NamedTuple):
-    """What was measured at the end of a move, averaged over its last controller steps."""
+    """Measurements at the end of a move, averaged over its last controller steps."""
 
-    displacement: Float[np.ndarray, " channel"]  # u_m [m], and the force that the specimen exerts against it [N]
-    force: Float[np.ndarray, " channel"]  # u_m [m], and the force that the specimen exerts against it [N]
+    displacement: Float[np.ndarray, " channel"]  # u_m [m]
+    force: Float[np.ndarray, " channel"]  # force of the specimen against it [N]
 
 
 class Specimen(ABC):
     """A structure in a laboratory, or a program in its place.
 
-    It owns its limits. What is beyond them is refused before it moves, and after an error it holds its last accepted position for
+    It owns its limits. It refuses what exceeds them before it moves, and after an error it holds its last accepted position for
     good: a hysteretic specimen cannot be moved back.
     """
 

@@ -1,4 +1,4 @@
-"""The restoring force of a specimen: what the integrator imposes goes through compensation and motion to it, its reading back."""
+"""The restoring force of a specimen: imposed displacements pass through compensation and motion, and readings return."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenError
 from structid.mechanics.restoring_forces import RestoringForce
 
 TARE = 1.0
-"""How long the force at rest is averaged [s] of wall time."""
+"""Averaging time of the force at rest [s] of wall time."""
 
 
 class Move(NamedTuple):
-    """One motion of a specimen, and what was read at its end; arrays (channel,)."""
+    """One motion of a specimen, and the reading at its end; arrays (channel,)."""
 
-    target: np.ndarray  # Where it should be, from the integrator [m]
-    command: np.ndarray  # What was sent last [m]
-    measured: np.ndarray  # Where it was [m]
-    force: np.ndarray  # That it exerts, without that before the test [N]
+    target: np.ndarray  # target from the integrator [m]
+    command: np.ndarray  # last command [m]
+    measured: np.ndarray  # measured displacement [m]
+    force: np.ndarray  # force of the specimen, without that before the test [N]
 
 
 class SpecimenForce(RestoringForce):
     """r(u) = Bᵀ F of a specimen whose channels are moved by B u.
 
-    A displacement is imposed once and read once. The force that it exerts before the first move belongs to its static load and is
-    taken off every reading.
+    A displacement is imposed once and read once. The force before the first move belongs to the static load and is subtracted
+    from every reading.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class SpecimenForce(RestoringForce):
 
     @property
     def dofs(self) -> int:
-        """Of the physical part."""
+        """Number of degrees of freedom of the physical part."""
         return int(self.geometry.shape[1])
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`."""
+        """No memory here, since the specimen has it; see `RestoringForce.at_rest`."""
         return ()
 
     def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
@@ -82,7 +82,7 @@ class SpecimenForce(RestoringForce):
         return restoring, memory
 
     def _tared(self) -> np.ndarray:
-        """Force before the first move, averaged for as long as noise needs: it is a part of every later one."""
+        """Force before the first move, averaged long enough for the noise, since it is part of every later one."""
         step = self.specimen.describe().controller_step
         count = min(max(round(TARE / step), 1), self.specimen.describe().longest_path)
         return self._checked(self.specimen.move(np.zeros((count, len(self.geometry))), count)).force

@@ -1,4 +1,4 @@
-"""The bytes between a hybrid test and a specimen: frames, their authentication, and what is in them.
+"""The wire format between a hybrid test and a specimen: frames, their authentication, their contents.
 
 A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-endian::
 
@@ -39,13 +39,13 @@ HEADER = struct.Struct("<4sHHQII")
 MOVE_HEAD = struct.Struct("<III")
 TAG, NONCE = 32, 16
 LARGEST_PAYLOAD, LARGEST_GREETING = 4 * 2**20, 4096
-"""Bytes of a session's frames, and of a stranger's first one; a longer frame is refused before it is read."""
+"""Bytes of a session's frame, and of an unauthenticated first one; a longer frame is refused before it is read."""
 SHORTEST_SECRET = 16
-"""Characters."""
+"""Minimum length of a secret [characters]."""
 
 
 class Kind(IntEnum):
-    """What a frame is; requests are odd, answers even."""
+    """Kind of a frame; requests are odd, answers even."""
 
     HELLO = 1
     WELCOME = 2
@@ -64,15 +64,15 @@ Message = TypeVar("Message", bound=BaseModel)
 
 
 class WireError(SpecimenError):
-    """A message that is not to be obeyed, or none in time; the session is over."""
+    """A message that must not be obeyed, or none in time; the session is over."""
 
 
 class Frame(NamedTuple):
     """A message."""
 
-    kind: Kind  # What it is
-    sequence: int  # Its number
-    payload: bytes = b""  # Its content
+    kind: Kind  # kind
+    sequence: int  # sequence number
+    payload: bytes = b""  # content
 
 
 # --- keys -----------------------------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def greeting_key(secret: bytes) -> bytes:
 
 
 def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
-    """Key of a session; a recorded session cannot be played again, since the server's nonce is another one."""
+    """Key of a session; a recorded session cannot be replayed, since the server's nonce is another one."""
     return hmac.digest(secret, b"structid specimen session" + client + server, "sha256")
 
 
@@ -103,13 +103,13 @@ def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
 
 
 def packed(frame: Frame, key: bytes) -> bytes:
-    """Write a frame."""
+    """Serialise a frame."""
     body = HEADER.pack(MAGIC, VERSION, frame.kind, frame.sequence, len(frame.payload), 0) + frame.payload
     return body + hmac.digest(key, body, "sha256")
 
 
 def received(connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD) -> Frame | None:
-    """Wait for a frame, and check everything of it that does not depend on the session."""
+    """Wait for a frame, and check everything that does not depend on the session."""
     until = time.monotonic() + patience
     head = _exactly(connection, HEADER.size, until, may_end=True)
     if head is None:
@@ -135,7 +135,7 @@ def received(connection: socket.socket, key: bytes, patience: float, largest: in
 
 
 def _exactly(connection: socket.socket, count: int, until: float, may_end: bool = False) -> bytes | None:
-    """Read so many bytes; never more of them into memory than have come."""
+    """Read a number of bytes; memory grows only with the bytes received."""
     got = bytearray()
     while len(got) < count:
         left = until - time.monotonic()
@@ -173,24 +173,24 @@ def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -
 
 
 class Hello(BaseModel):
-    """What a client says first."""
+    """First message of a client."""
 
     model_config = ConfigDict(extra="forbid")
 
-    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # Of the client, 16 bytes in hexadecimal
-    software: Annotated[str, Field(max_length=200)] = ""  # That it is
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # nonce of the client, 16 bytes in hexadecimal
+    software: Annotated[str, Field(max_length=200)] = ""  # software of the client
 
 
 class Welcome(BaseModel):
-    """What a server answers."""
+    """Answer of a server."""
 
     model_config = ConfigDict(extra="forbid")
 
-    client_nonce: str  # The client's, so that an old answer is none
-    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # Of the server
+    client_nonce: str  # the client's nonce, so that an old answer is invalid
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # nonce of the server
     # Silence after which it holds the specimen and ends a session [s]
     watchdog: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-    description: SpecimenDescription  # Of its specimen
+    description: SpecimenDescription  # description of its specimen
 
 
 def read_json(what: type[Message], payload: bytes) -> Message:
@@ -202,7 +202,7 @@ def read_json(what: type[Message], payload: bytes) -> Message:
 
 
 def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> bytes:
-    """Write a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample."""
+    """Serialise a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample."""
     return MOVE_HEAD.pack(*path.shape, averaged) + np.ascontiguousarray(path, dtype="<f8").tobytes()
 
 
@@ -227,7 +227,7 @@ def read_move(payload: bytes) -> tuple[np.ndarray, int]:
 
 
 def packed_reading(reading: Reading) -> bytes:
-    """Write a reading: displacements, then forces, float64."""
+    """Serialise a reading: displacements, then forces, float64."""
     return np.concatenate(reading).astype("<f8").tobytes()
 
 

@@ -1,7 +1,8 @@
-"""Parameters of a specimen's law, followed while a test runs: an unscented Kalman filter.
+"""Parameters of a specimen's constitutive law, estimated during a test by an unscented Kalman filter.
 
-Source: S. J. Julier & J. K. Uhlmann (2004, Proc. IEEE 92, 401). The state is what a spring remembers, z and e_h, and the parameters
-in normal scores φ of their priors, θ = F⁻¹(Φ(φ)). So the filter starts from the prior exactly, and no parameter leaves its range.
+Source: S. J. Julier & J. K. Uhlmann (2004, Proc. IEEE 92, 401). The state is the memory of a spring, z and e_h, and the
+parameters in standard-normal coordinates φ of their priors, θ = F⁻¹(Φ(φ)). The filter therefore starts exactly from the prior,
+and no parameter leaves its range.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from structid.models.traceable import TraceableModel, as_traceable
 from structid.probability.space import ParameterSpace
 
 CENTRE = 2.0
-"""Weight of the middle point in covariances: right for normal states. In means it has none."""
+"""Weight of the central point in covariances, exact for normal states. Its weight in means is zero."""
 BAND = 1.959964
-"""Standard deviations on either side of a band of 95 %."""
+"""Standard deviations on either side of a 95 % band."""
 REMEMBERED = ("z", "e_h")
-"""What a spring remembers besides where it is."""
+"""Memory variables of a spring besides its displacement."""
 LEAST_VARIANCE = 1e-18
-"""Of a state that is known, so that a covariance has a root."""
+"""Variance of a known state, so that a covariance has a square root."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredPath:
-    """What the filter believed after every move."""
+    """Estimate of the filter after every move."""
 
-    names: tuple[str, ...]  # Of the parameters
-    mean: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
-    low: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
-    high: Float[np.ndarray, "move parameter"]  # At its mean, and at both ends of its band of 95 %, in SI
+    names: tuple[str, ...]  # names of the parameters
+    mean: Float[np.ndarray, "move parameter"]  # mean, in SI
+    low: Float[np.ndarray, "move parameter"]  # lower end of the 95 % band, in SI
+    high: Float[np.ndarray, "move parameter"]  # upper end of the 95 % band, in SI
 
 
 @check_arguments
@@ -133,8 +134,8 @@ class UnscentedFilter:
         FilteredPath
             Move by move.
         """
-        found = np.reshape(self._path, (len(self._path), 3, len(self.space.names)))
-        return FilteredPath(tuple(self.space.names), found[:, 0], found[:, 1], found[:, 2])
+        band = np.reshape(self._path, (len(self._path), 3, len(self.space.names)))
+        return FilteredPath(tuple(self.space.names), band[:, 0], band[:, 1], band[:, 2])
 
     # --- the filter ---------------------------------------------------------------------------------------------
 
@@ -146,14 +147,14 @@ class UnscentedFilter:
         return self.model.static_force(theta[:, self._columns])
 
     def _moved(self, place: float, measured: float | None) -> None:
-        """Propagate all points to a place, and correct them by the force that was measured there."""
+        """Propagate all points to a displacement, and correct them by the force measured there."""
         count, memory = len(self._mean), len(REMEMBERED)
         root = np.linalg.cholesky(self._covariance + LEAST_VARIANCE * np.eye(count))
         spread = np.sqrt(count) * root.T
         points = np.concatenate([self._mean[None], self._mean + spread, self._mean - spread])
-        known = {name: points[None, :, k] for k, name in enumerate(REMEMBERED)}
-        known["d"] = np.full((1, len(points)), self._place)
-        found, after = self._forces(self._theta(points[:, memory:])).at(known, np.full((1, len(points)), place))
+        remembered = {name: points[None, :, k] for k, name in enumerate(REMEMBERED)}
+        remembered["d"] = np.full((1, len(points)), self._place)
+        forces, after = self._forces(self._theta(points[:, memory:])).at(remembered, np.full((1, len(points)), place))
         points[:, :memory] = np.stack([after[name][0] for name in REMEMBERED], axis=1)
         self._place = place
         weights = np.r_[0.0, np.full(2 * count, 0.5 / count)]
@@ -164,10 +165,10 @@ class UnscentedFilter:
         self._covariance[memory:, memory:] += self.drift**2 * np.eye(count - memory)
         if measured is None:
             return
-        foreseen = float(weights @ found[0])
-        missed = found[0] - foreseen
+        predicted = float(weights @ forces[0])
+        missed = forces[0] - predicted
         variance = float(of_products @ missed**2) + self.force_noise**2
         gain = away.T @ (of_products * missed) / variance
-        self._mean = self._mean + gain * (measured - foreseen)
+        self._mean = self._mean + gain * (measured - predicted)
         corrected = self._covariance - variance * np.outer(gain, gain)
         self._covariance = 0.5 * (corrected + corrected.T)

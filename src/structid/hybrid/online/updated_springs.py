@@ -1,4 +1,4 @@
-"""Springs of a numerical part whose law may change while a test runs."""
+"""Springs of a numerical part whose law may change during a test."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class UpdatedSprings(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """As of the springs; see `RestoringForce.largest_move`."""
+        """As for the springs; see `RestoringForce.largest_move`."""
         return self.springs.largest_move
 
     @property
     def content_hash(self) -> str:
-        """Of the springs as they are now."""
+        """Hash of the springs in their current state."""
         return self.springs.content_hash
 
     def at_rest(self, displacement: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What a hybrid test shows while it runs, read beside it from its recording: a few numbers for every new step."""
+"""Points of a running hybrid test for a live view, read from its recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.hybrid.recording.recorder import Following
 from structid.hybrid.recording.result_file import About
 
 AT_ONCE = 400
-"""Points of a channel in one answer at most; a longer one is thinned out."""
+"""Largest number of points of a channel in one answer; a longer series is thinned."""
 
 
 class LivePoints:
@@ -25,22 +25,22 @@ class LivePoints:
         self._floors = np.zeros((0, 0))
 
     def read(self) -> None:
-        """Take what has come since the last time."""
+        """Read what is new."""
         rows = self._following.new_rows()
         if not len(rows):
             return
         if self._about is None:
             self._about = About.from_plain(self._following.about)
             self._moves = np.zeros((0, 4, len(self._about.description.channels)))
-        seen = self._about.result(rows, [])
-        assert seen.histories is not None  # there are rows
-        moved = np.stack([seen.moves.target, seen.moves.command, seen.moves.measured, seen.moves.force], axis=1)
-        self._moves = np.concatenate([self._moves, moved])
-        floors = seen.histories.coarse.u
+        result = self._about.result(rows, [])
+        assert result.histories is not None  # there are rows
+        moves = np.stack([result.moves.target, result.moves.command, result.moves.measured, result.moves.force], axis=1)
+        self._moves = np.concatenate([self._moves, moves])
+        floors = result.histories.coarse.u
         self._floors = np.concatenate([self._floors.reshape(-1, floors.shape[1]), floors])
 
     def since(self, moves: int, steps: int) -> dict[str, Any]:
-        """Give what is new, as JSON can represent it."""
+        """What is new since a position, JSON-compatible."""
         if self._about is None:
             return {}
         about, channels = self._about, []

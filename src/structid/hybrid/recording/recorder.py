@@ -1,9 +1,9 @@
-"""The recording of a test in progress: rows of numbers that neither a kill nor a full disk takes away, and that nobody waits for.
+"""The recording of a test in progress: rows of numbers that survive a kill and a full disk without delaying the test.
 
-The loop copies a row into mapped memory, which is the kernel's at once and survives the death of this process. A thread takes
-what has gathered there every `BLOCK` seconds to the project's journal, which is on disk when it returns. There are two such tails:
-one is filled while the other is written. Their room is reserved before the test begins. So a disk that is full is found out before
-anything moves, and one that fills up ends the test and loses nothing.
+The loop copies a row into mapped memory, which belongs to the kernel at once and survives the death of this process. Every
+`BLOCK` seconds a thread moves the rows to the journal, which is on disk when it returns. There are two such tails: one is filled
+while the other is written. Their space is reserved before the test begins. A full disk is therefore detected before anything
+moves, and one that fills up ends the test and loses nothing.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from structid.core.journal import Journal
 BLOCK = 0.075
 """Time between two blocks [s]."""
 TAIL_ROOM = 8 * 2**20
-"""Bytes of a tail at least."""
+"""Minimum size of a tail [byte]."""
 ROWS_IN_TAIL = 256
-"""Rows that a tail has room for at least."""
+"""Minimum number of rows in a tail."""
 SCHEMA = "hybrid-test-1"
 JOURNAL = ".journal"
-"""What the name of a journal goes on with after that of its store."""
+"""Suffix of a journal after the name of its store."""
 _ENTRY = struct.Struct("<QQI")  # 1 + number of the row, bytes, CRC-32
 
 
 class RecordingError(StructidError):
-    """A recording that cannot go on; the test ends, and what was done is kept."""
+    """A recording cannot continue; the test ends, and earlier data are kept."""
 
 
 def journal_of(store: Path) -> Path:
@@ -52,7 +52,7 @@ def tails_of(store: Path) -> tuple[Path, Path]:
 
 
 class _Tail:
-    """Rows in mapped memory, one after the other; a row counts when its checksum is right."""
+    """Rows in mapped memory, one after another; a row counts if its checksum is right."""
 
     def __init__(self, path: Path, room: int) -> None:
         self.path, self.end, self.rows = path, 0, []  # type: ignore[var-annotated]
@@ -80,22 +80,22 @@ class _Tail:
 
 
 def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Rows of a tail whose process has died."""
+    """Rows in a tail whose process has died."""
     if not path.exists():
         return
-    content, place = path.read_bytes(), 0
-    while place + _ENTRY.size <= len(content):
-        number, length, checksum = _ENTRY.unpack_from(content, place)
-        place += _ENTRY.size
-        row = content[place : place + length]
+    content, position = path.read_bytes(), 0
+    while position + _ENTRY.size <= len(content):
+        number, length, checksum = _ENTRY.unpack_from(content, position)
+        position += _ENTRY.size
+        row = content[position : position + length]
         if number == 0 or len(row) < length or zlib.crc32(row) != checksum:
             return
         yield number - 1, row
-        place += length
+        position += length
 
 
 def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
-    """Rows that the tails hold, by number.
+    """Rows in the tails, by number.
 
     Rows move from a tail to the journal, so the journal is read after this: a row that moves between the two is seen in both.
     """
@@ -104,7 +104,7 @@ def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
 
 
 def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.ndarray]]) -> dict[str, Any]:
-    """Add the rows of a journal's entries; what the recorder was told about rows, empty where no entry says it."""
+    """Add the rows of a journal's entries; returns the recorder's note on rows, empty where no entry has one."""
     about: dict[str, Any] = {}
     for entry in entries:
         if "about" in entry:
@@ -115,7 +115,7 @@ def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.nda
 
 
 class Recorder:
-    """Records rows of one length beside a store, until they are put into it."""
+    """Records rows of one length next to a store, until they are moved into it."""
 
     def __init__(self, store: Path, about: Mapping[str, Any], width: int) -> None:
         for path in (store, journal_of(store)):
@@ -152,7 +152,7 @@ class Recorder:
         self.close()
 
     def add(self, row: Float[np.ndarray, " width"]) -> None:
-        """Record a row. It survives this process when this returns, and the machine a block later."""
+        """Record a row. It survives this process when this returns, and the machine one block later."""
         content = np.ascontiguousarray(row, dtype="<f8").tobytes()
         with self._lock:
             tail = self._tails[0]
@@ -166,7 +166,7 @@ class Recorder:
             )
 
     def _write(self) -> None:
-        """Take blocks to the journal until the recording is closed."""
+        """Move blocks to the journal until the recording is closed."""
         while not self._closing:
             self._due.wait(BLOCK)
             self._take()
@@ -187,7 +187,7 @@ class Recorder:
         full.clear()
 
     def close(self) -> None:
-        """Write what is left, and end the thread."""
+        """Write the remaining rows, and end the thread."""
         self._closing = True
         self._due.set()
         self._thread.join()
@@ -196,31 +196,31 @@ class Recorder:
             tail.close()
 
     def remove(self) -> None:
-        """Delete the recording, when what it holds is in the store."""
+        """Delete the recording when its contents are in the store."""
         self._journal.remove()
         for path in tails_of(self.store):
             path.unlink(missing_ok=True)
 
 
 class Following:
-    """Reads the rows of a test while another process records them; it asks nothing of that process."""
+    """Reads the rows of a test while another process records them, without involving that process."""
 
     def __init__(self, store: Path) -> None:
         self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
 
     def new_rows(self) -> Float[np.ndarray, "row width"]:
-        """Read what has come since the last time."""
+        """Read the rows that are new."""
         try:
             rows = _rows_in_tails(self.store)
             entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
         except FileNotFoundError:
             return np.zeros((0, 0))
         self.about = _added_to(rows, entries) or self.about
-        found = []
+        result = []
         while self.count in rows:
-            found.append(rows[self.count])
+            result.append(rows[self.count])
             self.count += 1
-        return np.stack(found) if found else np.zeros((0, 0))
+        return np.stack(result) if result else np.zeros((0, 0))
 
 
 def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:

@@ -1,4 +1,4 @@
-"""A hybrid test on disk: one HDF5 file when it has ended, a recording beside it until then."""
+"""A hybrid test on disk: one HDF5 file when it has ended, a recording next to it until then."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ CUT_OFF = "The recording was cut off: its process died, or its disk was full. Ev
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class About:
-    """What is known of a test before it begins, and what one needs to read its recording."""
+    """Description of a test before it begins, which is needed to read its recording."""
 
-    description: SpecimenDescription  # Of the specimen
-    feasibility: Feasibility  # Of the test
-    record: GroundMotion  # That shakes it
-    frame: StepFrame  # Of its steps
-    moves_per_step: int  # Motions of the specimen in a coarse step
+    description: SpecimenDescription  # of the specimen
+    feasibility: Feasibility  # of the test
+    record: GroundMotion  # ground motion
+    frame: StepFrame  # layout of its steps
+    moves_per_step: int  # motions of the specimen in a coarse step
 
     def to_plain(self) -> dict[str, Any]:
-        """Give it ready for JSON, numbers to their last bit."""
+        """Convert to JSON-compatible values, exact to the last bit."""
         frame = {f.name: getattr(self.frame, f.name) for f in dataclasses.fields(self.frame)}
         return {
             "description": self.description.model_dump(mode="json"),
@@ -55,7 +55,7 @@ class About:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> About:
-        """Read it again."""
+        """Rebuild from the result of `to_plain`."""
         frame: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in plain["frame"].items()}
         return cls(
             SpecimenDescription.model_validate(plain["description"]),
@@ -69,16 +69,16 @@ class About:
 
     @property
     def width(self) -> int:
-        """Numbers in a row: a step's, then those of its moves."""
+        """Numbers in a row: those of a step, then those of its moves."""
         return self.frame.width + self.moves_per_step * 4 * len(self.description.channels)
 
     def row(self, step: Float[np.ndarray, " frame_width"], moves: list[Move]) -> Float[np.ndarray, " width"]:
-        """Put a step and its moves into one row."""
-        found = np.full(self.width, np.nan)
-        found[: len(step)] = step
+        """Write a step and its moves as one row."""
+        row = np.full(self.width, np.nan)
+        row[: len(step)] = step
         values = np.ravel(moves)
-        found[len(step) : len(step) + len(values)] = values
-        return found
+        row[len(step) : len(step) + len(values)] = values
+        return row
 
     def result(
         self, rows: Float[np.ndarray, "row width"], events: list[Event], stiffness_ratio: float = np.nan
@@ -96,7 +96,7 @@ class About:
 
 
 def _feasibility(plain: dict[str, Any]) -> Feasibility:
-    """Read one from JSON, which has lists for tuples."""
+    """Rebuild from JSON, which has lists for tuples."""
     fields: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
     return Feasibility(**fields)
 
@@ -147,14 +147,14 @@ NESTED: dict[str, type] = {
     "part": PartHistory,
     "moves": MoveHistory,
 }
-"""Of which class a group is."""
+"""Class of a group."""
 
 
 def _read(group: Any, name: str) -> Any:
-    found = group[name]
+    result = group[name]
     if name not in NESTED:
-        return found[()]
-    return NESTED[name](*(_read(found, field.name) for field in dataclasses.fields(NESTED[name])))
+        return result[()]
+    return NESTED[name](*(_read(result, field.name) for field in dataclasses.fields(NESTED[name])))
 
 
 FILTERED = ("mean", "low", "high")
@@ -187,8 +187,8 @@ def open_hybrid(path: str | Path) -> HybridResult:
     store = Path(path)
     if not store.exists() and journal_of(store).exists():
         about, rows = recorded(store)
-        known = About.from_plain(about)
-        return known.result(rows, [Event(max(len(rows) - 1, 0) * known.frame.dt, CUT_OFF)])
+        about_test = About.from_plain(about)
+        return about_test.result(rows, [Event(max(len(rows) - 1, 0) * about_test.frame.dt, CUT_OFF)])
     if not store.exists():
         raise InputError(f"store {store}", "no such file", "the store of a hybrid test")
     with opened_hdf5(store, "a hybrid test") as file:

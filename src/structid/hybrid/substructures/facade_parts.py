@@ -1,4 +1,4 @@
-"""A facade of two storeys: the upper one is the numerical part, the lower one the physical part, with a rigid beam between them."""
+"""A facade of two storeys: the upper one numerical, the lower one physical, with a rigid beam between them."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def facade_parts(
 
 
 def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Of both storeys, uncracked [rad/s]."""
+    """Natural frequencies of both storeys, uncracked [rad/s]."""
     both = [upper.mass.copy(), upper.stiffness.copy()]
     for whole, part in zip(both, (mass, stiffness), strict=True):
         whole[:BEAM, :BEAM] += part
@@ -175,7 +175,7 @@ def _uncracked(assembly: Assembly, law: CohesiveLaw) -> np.ndarray:
 
 
 def _mass_on_beam(wall: StaticWall) -> np.ndarray:
-    """Mass of the lower wall's blocks, as the beam feels it: they follow it statically, uncracked."""
+    """Mass of the lower wall's blocks as the beam feels it: they follow it statically, uncracked."""
     beamed = wall.wall
     assembly = Assembly(beamed.mesh, replace(beamed.masonry, upper_mass=0.0))
     top = beamed.top_nodes

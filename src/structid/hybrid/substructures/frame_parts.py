@@ -1,4 +1,4 @@
-"""A shear frame, cut at a floor into an upper and a lower part."""
+"""A shear frame, divided at a floor into an upper and a lower part."""
 
 from __future__ import annotations
 

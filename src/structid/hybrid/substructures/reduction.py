@@ -1,4 +1,4 @@
-"""Substructures of few degrees of freedom: static condensation, and constraint modes with a few modes of the held part.
+"""Substructures with few degrees of freedom: static condensation, and constraint modes with fixed-interface modes.
 
 Sources: R. J. Guyan (1965) for the first, R. R. Craig & M. C. C. Bampton (1968) for the second; see docs/bibliography.md.
 """
@@ -20,9 +20,9 @@ from structid.hybrid.substructures.substructure import Substructure
 class Matrices(NamedTuple):
     """Matrices of a linear part."""
 
-    mass: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
-    damping: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
-    stiffness: Float[np.ndarray, "dof dof"]  # M [kg], C [N s/m], K [N/m]
+    mass: Float[np.ndarray, "dof dof"]  # M [kg]
+    damping: Float[np.ndarray, "dof dof"]  # C [N s/m]
+    stiffness: Float[np.ndarray, "dof dof"]  # K [N/m]
     influence: Float[np.ndarray, " dof"]  # ι, the displacement of each degree of freedom with the base
 
     def onto(self, basis: Float[np.ndarray, "dof coordinate"]) -> Matrices:
@@ -33,7 +33,7 @@ class Matrices(NamedTuple):
 
 
 def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int]) -> Float[np.ndarray, "dof kept"]:
-    """Where a part comes to rest when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik."""
+    """Static displacements when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik."""
     kept = list(kept)
     count = len(stiffness)
     if len(set(kept)) < len(kept) or not set(kept) <= set(range(count)) or not kept:
@@ -147,7 +147,7 @@ def reduced_by_craig_bampton(
 
 
 def _matrices(mass: object, damping: object, stiffness: object, influence: object) -> Matrices:
-    """Check that they are of one size."""
+    """Check that the sizes agree."""
     given = [np.asarray(matrix, dtype=np.float64) for matrix in (mass, damping, stiffness)]
     count = len(given[2])
     if any(matrix.shape != (count, count) for matrix in given):

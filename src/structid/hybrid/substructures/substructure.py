@@ -1,4 +1,4 @@
-"""A part of a structure: its matrices, where it meets the other part, and what answers to its displacements."""
+"""A substructure: its matrices, its interface with the other part, and its restoring force."""
 
 from __future__ import annotations
 
@@ -110,13 +110,13 @@ class Substructure:
 
     @property
     def force(self) -> RestoringForce:
-        """What answers to its displacements."""
+        """Its restoring force."""
         assert self.restoring_force is not None  # __post_init__ has put one
         return self.restoring_force
 
     @property
     def linear(self) -> bool:
-        """Whether it answers by K₀ u."""
+        """Whether its restoring force is K₀ u."""
         return isinstance(self.force, LinearForce) and np.array_equal(self.force.stiffness, self.stiffness)
 
     def softened(self, share: float) -> Substructure:
@@ -146,7 +146,7 @@ class Substructure:
 
     @cached_property
     def largest_frequency(self) -> float:
-        """Of its modes, free at the interface [rad/s]."""
+        """Largest frequency of its modes with a free interface [rad/s]."""
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         return float(np.sqrt(max(squares.max(), 0.0)))
 

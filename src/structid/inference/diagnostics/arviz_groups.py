@@ -1,4 +1,4 @@
-"""Groups of the ArviZ schema: draws and their statistics, and for a posterior its measurement and predictions."""
+"""Groups of the ArviZ schema: draws and their statistics; for a posterior also its measurement and predictions."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LIBRARY = {
     "inference_library_version": importlib.metadata.version("structid"),
     "creation_library": "structid",
 }
-"""Attributes of every group, as the schema has them."""
+"""Attributes of every group, as in the schema."""
 EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m", "rotation": "rad"}
-"""SI unit of what drives a model, by its kind; of several at once each signal has its own."""
+"""SI unit of an excitation, by its kind; several signals have one each."""
 
 
 def groups_of_draws(
@@ -46,7 +46,7 @@ def groups_of_draws(
 
 
 def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
-    """Variables of draws (chain, draw, parameter) in SI: each with its unit, the one in which it was declared, and their ratio.
+    """Variables of draws (chain, draw, parameter) in SI, each with its SI unit, its declared unit, and their ratio.
 
     ``units`` is the netCDF convention's name, which xarray puts on axes.
     """
@@ -120,7 +120,7 @@ def groups_of_measurement(
 
 
 def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
-    """Put the SI unit into every variable: of its channels, or of what drove them."""
+    """Add the SI unit to every variable of channels or excitations."""
     for index, observation in enumerate(posterior.observations):
         suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
         driven = ", ".join(EXCITATION_UNITS.get(kind, "SI") for kind in observation.record.kind.split("+"))

@@ -1,4 +1,4 @@
-"""What to know besides convergence: whether the model is wrong for the data, and whether a surrogate is good enough."""
+"""Caveats besides convergence: a model that contradicts the data, a surrogate that is too inaccurate."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.models.base import StandIn
 
 SURROGATE_NATS = 2.0
-"""Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
+"""Change of a log-likelihood by a surrogate's mean error that causes a warning [nat]."""
 
 
 def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[np.ndarray, " parameter"]) -> list[str]:
-    """Say what speaks against the model."""
-    found = []
+    """Evidence against the model, one sentence each."""
+    sentences = []
     if best.unexplained > UNEXPLAINED_LIMIT:
         left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
         if best.of_another_size:
@@ -24,22 +24,22 @@ def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[
                 f", and has {best.peak:.2g} times the measured peak: are the units of the measurement, of the record and of the "
                 "priors right, and numbers without a unit in SI"
             )
-        found.append(left + ("?" if best.of_another_size else "."))
+        sentences.append(left + ("?" if best.of_another_size else "."))
     if drift is not None and drift.found:
-        found.append(drift.sentence(mean))
-    return found
+        sentences.append(drift.sentence(mean))
+    return sentences
 
 
 def surrogate_warnings(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], unexplained: float, certified: bool | None
 ) -> list[str]:
-    """Say where a surrogate may have moved the posterior."""
+    """Warnings where a surrogate may have shifted the posterior."""
     stand_in = posterior.model.stand_in
     if stand_in is None or certified:
         return []
-    found = []
+    warnings = []
     if certified is None and _matters(posterior, stand_in, unexplained):
-        found.append(
+        warnings.append(
             f"the surrogate's own error ({stand_in.relative_error:.1g} of the response's variance) is not small beside what the "
             f"measurement leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
             "structid.calibrate certify it"
@@ -47,11 +47,11 @@ def surrogate_warnings(
     outside = float(stand_in.outside(np.asarray(posterior.model_parameters(draws))).mean())
     if outside > 0.0:
         cure = "widen its design, or do more true runs there" if certified is None else "more true runs go there"
-        found.append(
+        warnings.append(
             f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where little is known of the model: "
             + cure
         )
-    return found
+    return warnings
 
 
 def _matters(posterior: Posterior, stand_in: StandIn, unexplained: float) -> bool:

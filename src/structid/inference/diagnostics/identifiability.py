@@ -1,4 +1,4 @@
-"""What the data can see: Fisher information at a point, and the parameter combinations they cannot see."""
+"""Identifiability: Fisher information at a point, and the parameter combinations that the data do not determine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.traceable import as_traceable
 
 SEEN = 1.0
-"""Information, in units of the prior's, below which the data say less about a combination than the prior does."""
+"""Information, relative to the prior's, below which the data say less about a combination than the prior."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class Identifiability:
     combination than the prior does (in variance).
     """
 
-    names: tuple[str, ...]  # Parameters
+    names: tuple[str, ...]  # parameters
     fisher: Float[np.ndarray, "parameter parameter"] = field(repr=False)  # F in SI
-    eigenvalues: Float[np.ndarray, " parameter"]  # Of F̃, falling
+    eigenvalues: Float[np.ndarray, " parameter"]  # of F̃, descending
     # Columns: the combinations, in prior standard deviations
     eigenvectors: Float[np.ndarray, "parameter parameter"] = field(repr=False)
     # √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone
     cramer_rao_sd: Float[np.ndarray, " parameter"]
-    prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)  # In SI
+    prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)  # in SI
 
     @property
     def unseen(self) -> list[str]:
@@ -55,8 +55,8 @@ class Identifiability:
 def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> Identifiability:
     """Fisher information at a point, by exact sensitivities."""
     as_traceable(posterior.model, "identifiability", "a built-in model")
-    own = posterior.likelihood.discrepancy_names
-    kept = [i for i, name in enumerate(posterior.names) if name not in own]
+    error_parameters = posterior.likelihood.discrepancy_names
+    kept = [i for i, name in enumerate(posterior.names) if name not in error_parameters]
     point = jnp.asarray(theta)[None, :]
 
     def whitened(moved: Any, bound: BoundLikelihood) -> Any:

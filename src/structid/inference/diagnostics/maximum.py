@@ -22,12 +22,12 @@ def maximum(
     high = np.minimum(best + 5.0 * sd, bounds[:, 1])
     covariance = np.cov(draws.T).reshape(target.dimension, -1)
     objective = _NegativeLogDensity(target, low, high, covariance)
-    found = pattern_search(objective, starts=best[None, :], tolerance=1e-5, iterations=400).best
-    return found.theta if -found.value >= log_density.max() else best
+    best_point = pattern_search(objective, starts=best[None, :], tolerance=1e-5, iterations=400).best
+    return best_point.theta if -best_point.value >= log_density.max() else best
 
 
 class _NegativeLogDensity:
-    """−log π as an objective; the curvature that whitens the polls is the inverse of the draws' covariance."""
+    """−log π as an objective; its curvature for whitening is the inverse of the draws' covariance."""
 
     scale = 1.0
     differentiable = True

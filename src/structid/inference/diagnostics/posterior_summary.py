@@ -1,4 +1,4 @@
-"""The table of a sampling: moments, quantiles, best point, diagnostics."""
+"""The table of a sampling result: moments, quantiles, best point, diagnostics."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 class ErrorSD:
     """Standard deviation of the errors of a channel, in its display unit."""
 
-    variance: str  # Name of its square among the parameters
-    unit: str  # Display unit
-    low: float  # Quantiles at 5, 50 and 95 %
-    median: float  # Quantiles at 5, 50 and 95 %
-    high: float  # Quantiles at 5, 50 and 95 %
+    variance: str  # name of its square among the parameters
+    unit: str  # display unit
+    low: float  # 5 % quantile
+    median: float  # median
+    high: float  # 95 % quantile
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
@@ -33,8 +33,8 @@ class ErrorSD:
 class Summary(ShownAsText):
     """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units."""
 
-    names: tuple[str, ...]  # Parameters and their display units
-    units: tuple[str, ...]  # Parameters and their display units
+    names: tuple[str, ...]  # parameters
+    units: tuple[str, ...]  # display units
     # ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
     # ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``
     columns: dict[str, np.ndarray]
@@ -49,23 +49,23 @@ class Summary(ShownAsText):
         return replace(self, names=names, units=units, columns=columns, sd_units=sds)
 
     def row(self, name: str) -> dict[str, float]:
-        """One parameter's figures."""
+        """Figures of one parameter."""
         index = self.names.index(name)
         return {column: float(values[index]) for column, values in self.columns.items()}
 
     @property
     def error_sds(self) -> list[ErrorSD]:
         """Standard deviation of the errors, the square root of each variance, in the unit of the measurement."""
-        found = []
+        sds = []
         for name, unit in self.sd_units.items():
             row, variance = self.row(name), factor(self.units[self.names.index(name)])
             # The root is monotone, so that it carries quantiles over.
             low, median, high = (np.sqrt(row[key] * variance) / factor(unit) for key in ("q05", "median", "q95"))
-            found.append(ErrorSD(name, unit, float(low), float(median), float(high)))
-        return found
+            sds.append(ErrorSD(name, unit, float(low), float(median), float(high)))
+        return sds
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Give the table as pandas has it."""
+        """The table as a pandas DataFrame."""
         import pandas
 
         return pandas.DataFrame({"unit": list(self.units), **self.columns}, index=list(self.names))

@@ -1,4 +1,4 @@
-"""Marginals that lie on a bound of their prior, or far out in its tail."""
+"""Warnings about marginals at a bound of their prior, or far out in its tail."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from jaxtyping import Float
 from structid.probability.space import ParameterSpace
 
 BOUND_WIDTH = 0.02
-"""The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
+"""Width of the strip along a prior bound, relative to the range between the prior's 5 and 95 % quantiles."""
 BOUND_MASS = 0.2
-"""A marginal is said to sit on the bound if it has at least this posterior mass in that strip."""
+"""Posterior mass in that strip above which a marginal is at the bound."""
 TAIL_PROBABILITY = 1e-3
-"""A posterior median beyond this prior probability says that prior and data disagree."""
+"""Prior probability beyond which a posterior median indicates that prior and data disagree."""
 AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
-"""A bound cuts a marginal that has at least this mass within so many posterior standard deviations of it."""
+"""A bound truncates a marginal with at least this mass within this many posterior standard deviations of it."""
 
 
 class PriorWarning(NamedTuple):
-    """A parameter of which prior and data disagree."""
+    """A parameter on which prior and data disagree."""
 
-    said: str  # Where they do
-    cure: str  # What to do about it, as a sentence; empty where it may be well
+    said: str  # the disagreement
+    cure: str  # what to do, as a sentence; empty where it may be harmless
 
 
 def prior_warnings(space: ParameterSpace, draws_of_all: Float[np.ndarray, "draw parameter"]) -> list[PriorWarning]:
-    """Say where prior and data disagree."""
-    found = []
+    """Find where prior and data disagree."""
+    warnings = []
     for i, (name, marginal) in enumerate(space.marginals.items()):
         draws, on_bound = draws_of_all[:, i], False
         strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
@@ -47,11 +47,14 @@ def prior_warnings(space: ParameterSpace, draws_of_all: Float[np.ndarray, "draw 
                 further = (
                     "the data show nothing of it, or would go below zero" if at_zero else "the data would go further"
                 )
-                said = f"the posterior of {name} sits on the {side} bound of its prior: {further}"
+                sentence = f"the posterior of {name} sits on the {side} bound of its prior: {further}"
                 cure = "" if at_zero else "Widen the prior if the structure may be beyond it, and run again."
-                found.append(PriorWarning(said, cure))
+                warnings.append(PriorWarning(sentence, cure))
         p = float(marginal.cdf(np.median(draws)))
         if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
-            said = f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
-            found.append(PriorWarning(said, "Look whether the prior, the units or the model are right, and run again."))
-    return found
+            where = f"in the far tail of its prior (at probability {p:.1g})"
+            sentence = f"the posterior of {name} lies {where}: prior and data disagree"
+            warnings.append(
+                PriorWarning(sentence, "Look whether the prior, the units or the model are right, and run again.")
+            )
+    return warnings

@@ -1,4 +1,4 @@
-"""What a fit leaves: whitened residuals, whether they are white, and standard deviations that allow for it if they are not."""
+"""Residuals of a fit: whitened residuals, whether they are white, and standard deviations for those that are not."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from structid.inference.error_models.base import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
-"""A law is said not to describe a whitened residual whose autocorrelation reaches this."""
+"""Autocorrelation of a whitened residual at which the error model is considered wrong."""
 WHITE_BOUND = 5.0
 """The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
 SHARE_OF_LAGS = 0.1
-"""Lags that are looked at, as a share of the history."""
+"""Lags that are examined, as a fraction of the history."""
 UNEVEN = 3.0
-"""Power over that of white noise from which on a peak of the spectrum is told of; those of white noise reach 2.4."""
+"""Ratio of a spectral peak to white noise above which it is reported; peaks of white noise reach 2.4."""
 MUCH_WIDER = 1.5
-"""A warning is given where robust standard deviations are this many times the posterior's own."""
+"""Ratio of robust to posterior standard deviations that causes a warning."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
-    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ being the covariance of ε: independent unit normals where model and law are right."""
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent unit normals if model and error model are right."""
 
-    channel: str  # What was measured
-    record: str  # On which record
-    dt: float  # Time step [s]
-    values: Float[np.ndarray, " time"] = field(repr=False)  # The residual, a pure number
-    observation: int = 0  # Of which observation, from 0
+    channel: str  # measured channel
+    record: str  # name of the record
+    dt: float  # time step [s]
+    values: Float[np.ndarray, " time"] = field(repr=False)  # residual, dimensionless
+    observation: int = 0  # index of the observation
 
     @property
     def autocorrelation(self) -> np.ndarray:
-        """ρ of the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
+        """ρ at the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
         count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
         covariance = autocovariance(self.values[:, None])[:count, 0]
         return np.asarray(covariance / covariance[0])
@@ -51,48 +51,48 @@ class WhitenedResidual:
 
     @property
     def bound(self) -> float:
-        """Autocorrelation beyond which the residual is taken to be correlated."""
+        """Autocorrelation above which the residual is considered correlated."""
         return float(max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values))))
 
     @property
     def largest(self) -> tuple[float, float]:
-        """The largest autocorrelation in size, and its lag [s]."""
+        """The largest absolute autocorrelation, and its lag [s]."""
         correlation = self.autocorrelation
         lag = 1 + int(np.argmax(np.abs(correlation[1:])))
         return float(correlation[lag]), lag * self.dt
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Frequency [Hz] at which the spectrum is largest, and how many times the power of white noise it has there."""
+        """Frequency [Hz] of the largest spectral value, and its ratio to white noise."""
         frequency, power = self.spectrum
-        place = int(np.argmax(power))
-        return float(frequency[place]), float(power[place])
+        index = int(np.argmax(power))
+        return float(frequency[index]), float(power[index])
 
     @property
     def correlated(self) -> bool:
-        """Whether the law of the discrepancy fails to describe what is left."""
+        """Whether the error model fails to describe the residual."""
         return abs(self.largest[0]) > self.bound
 
 
 def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> tuple[WhitenedResidual, ...]:
-    """Whiten what a prediction leaves."""
-    found = []
+    """Whiten the residuals of a prediction."""
+    residuals = []
     for index, observation in enumerate(posterior.observations):
         residual = observation.in_sds(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
         unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
         white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
-        found += [
+        residuals += [
             WhitenedResidual(channel, observation.record.name, dt, white[:, i], index)
             for i, channel in enumerate(observation.channels)
             if np.isfinite(white[:, i]).all()
         ]
-    return tuple(found)
+    return tuple(residuals)
 
 
 def residual_warnings(
     residuals: tuple[WhitenedResidual, ...], law: ErrorLaw, too_small_by: Mapping[str, float] | None
 ) -> list[str]:
-    """Say which residuals the law of the discrepancy does not describe."""
+    """Warnings about residuals that the error model does not describe."""
     added = law.added
     assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
     if law.inside:

@@ -1,4 +1,4 @@
-"""Standard deviations of the means that hold where model or law are wrong, and how far these are known themselves."""
+"""Standard deviations of posterior means that hold where model or error model are wrong, and their own uncertainty."""
 
 from __future__ import annotations
 
@@ -10,64 +10,67 @@ from jaxtyping import Float
 from structid.inference.likelihood.posterior import Posterior
 
 LONG_RUN_SHARE = 1.0 / 6.0
-"""Width of the window of a long-run covariance, as a share of the history."""
+"""Width of the window of a long-run covariance, as a fraction of the history."""
 
 KEPT = 1.0 - 0.75 * LONG_RUN_SHARE
-"""What is left of the covariance of white noise when terms are taken about their own mean."""
+"""Remaining fraction of the covariance of white noise when terms are centred on their own mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobustSpread:
-    """How the posterior means would vary over measurements."""
+    """Variation of the posterior means over repeated measurements."""
 
-    sd: Float[np.ndarray, " parameter"] = field(repr=False)  # Standard deviations in SI
+    sd: Float[np.ndarray, " parameter"] = field(repr=False)  # standard deviations in SI
     # Their own standard errors, as shares of them; 0 where they are the posterior's
     error: Float[np.ndarray, " parameter"] = field(repr=False)
 
     @property
     def same(self) -> bool:
-        """Whether they are the posterior's own, because its residuals are white."""
+        """Whether they equal the posterior's own, because its residuals are white."""
         return not self.error.any()
 
     def at_least(self, sd: Float[np.ndarray, " parameter"]) -> RobustSpread:
-        """Leave no standard deviation below the posterior's own: it is part of what is not known."""
+        """Raise standard deviations to at least the posterior's own."""
         wider = self.sd > sd
         return RobustSpread(np.where(wider, self.sd, sd), np.where(wider, self.error, 0.0))
 
 
 def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> RobustSpread:
-    """Sandwich standard deviations of the posterior means: how they would vary over measurements if model or law were wrong.
+    """Sandwich standard deviations of the posterior means: their variation over measurements if model or error model are wrong.
 
-    The influence of what is measured at the time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior
-    (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466), and the variance of
-    the mean the long-run covariance of ψ. With the whitened response m and its influence a = Cov(m, θ_j), ψ_t = Σ_c a_tc e_tc.
-    At the fit what is left of e is (I − P) e, P the projection on all a, so that ψ sums to almost nothing and the estimate is
-    too small. Its expectation where e is white is known,
+    The influence of the measurement at time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior (R.
+    Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466); the variance of the mean
+    is the long-run covariance of ψ. With the whitened response m and its influence a = Cov(m, θ_j), ψ_t = Σ_c a_tc e_tc. At the
+    fit the remaining e is (I − P) e, P the projection on all a, so that ψ sums to almost nothing and the estimate is too small.
+    Its expectation for white e is known,
 
-        tr B,   B = diag(a) C W C diag(a) (I − P),
+    tr B,   B = diag(a) C W C diag(a) (I − P),
 
-    with the window's Toeplitz matrix W and C that takes means away; it should be Σa², and is made so. Its own standard error as
-    a share is ½ √(2 tr B²)/tr B, where P is left out of B².
+    with the window's Toeplitz matrix W and the centring matrix C; it should be Σa², to which it is scaled. Its relative standard
+    error is ½ √(2 tr B²)/tr B, where P is omitted in B².
     """
-    found = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
+    influences = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
     # One basis of what the parameters can follow, over all observations.
-    basis, _ = np.linalg.qr(np.concatenate([influence.reshape(-1, influence.shape[2]) for _, influence in found]))
+    basis, _ = np.linalg.qr(np.concatenate([influence.reshape(-1, influence.shape[2]) for _, influence in influences]))
     raw = np.zeros(posterior.dimension)
-    known, expected, squared, first = raw.copy(), raw.copy(), raw.copy(), 0
-    for psi, influence in found:
+    corrected, expected, squared, first = raw.copy(), raw.copy(), raw.copy(), 0
+    for psi, influence in influences:
         samples, channels, count = influence.shape
-        own = basis[first : first + samples * channels].reshape(samples, channels, -1)
+        basis_of_observation = basis[first : first + samples * channels].reshape(samples, channels, -1)
         first += samples * channels
         raw += np.diag(long_run_covariance(psi))
         power = (influence**2).sum(axis=1)
-        known += power.sum(axis=0)
-        lost = [np.diag(long_run_covariance((influence[:, :, [j]] * own).sum(axis=1))).sum() for j in range(count)]
+        corrected += power.sum(axis=0)
+        lost = [
+            np.diag(long_run_covariance((influence[:, :, [j]] * basis_of_observation).sum(axis=1))).sum()
+            for j in range(count)
+        ]
         trace, of_square = _traces(power)
         expected += trace - np.array(lost)
         squared += of_square
-    responds = (known > 0.0) & (expected > 1e-6 * known)
+    responds = (corrected > 0.0) & (expected > 1e-6 * corrected)
     expected = np.where(responds, expected, 1.0)
-    factor = np.where(responds, known / expected, 1.0)
+    factor = np.where(responds, corrected / expected, 1.0)
     error = np.where(responds, 0.5 * np.sqrt(2.0 * squared) / expected, 0.0)
     return RobustSpread(np.sqrt(raw * factor), error)
 
@@ -84,8 +87,8 @@ def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.nda
         name: np.repeat(value, len(response))
         for name, value in posterior.unknowns(draws.mean(axis=0)[None], index).items()
     }
-    moved = observation.in_sds((response - response.mean(axis=0)).transpose(1, 2, 0))
-    white = np.asarray(posterior.discrepancy.whiten(moved, mean, observation.channels, observation.record.dt))
+    deviations = observation.in_sds((response - response.mean(axis=0)).transpose(1, 2, 0))
+    white = np.asarray(posterior.discrepancy.whiten(deviations, mean, observation.channels, observation.record.dt))
     influence = white @ centred
     influence[..., [posterior.names.index(name) for name in posterior.likelihood.discrepancy_names]] = 0.0
     return psi, influence
@@ -98,8 +101,8 @@ def long_run_covariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.
     """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987), never negative."""
     count = series.shape[1]
     centred = series - series.mean(axis=0)
-    found = centred.T @ _toeplitz(_lag_window(len(series)), centred)
-    return np.asarray(0.5 * (found + found.T).reshape(count, count) / KEPT)
+    covariance = centred.T @ _toeplitz(_lag_window(len(series)), centred)
+    return np.asarray(0.5 * (covariance + covariance.T).reshape(count, count) / KEPT)
 
 
 def parzen(x: np.ndarray) -> np.ndarray:
@@ -108,7 +111,7 @@ def parzen(x: np.ndarray) -> np.ndarray:
 
 
 def _traces(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tr of D diag(power), and of its square, D = C W C over the norm of `long_run_covariance`, for every column of powers.
+    """Traces of D diag(power) and of its square, D = C W C over the norm of `long_run_covariance`, for every column of powers.
 
     D_ts = w_ts + u_t + u_s with u = m/2 − r, r the means of W's rows and m their mean.
     """

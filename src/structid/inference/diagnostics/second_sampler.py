@@ -1,9 +1,9 @@
-"""Do draws represent the density that they are said to come from? A second explorer, which is built otherwise, says so.
+"""Check by a second, different sampler that draws represent their density.
 
-Particles that come from the prior lose narrow modes, and creep along ridges. Chains forget neither where they began nor that they
-have not been elsewhere. So modes are searched for by optimisation, from the draws, from points that somebody knows (true runs of a
-calibration) and from the prior. Particles then begin around all of these modes evenly, and are tempered from there to the density.
-They know nothing of the masses that the first explorer gave to the modes, and little of where between them it has been.
+Particles from the prior lose narrow modes and creep along ridges. Chains depend on where they began. Modes are therefore searched
+for by optimisation, from the draws, from known points (such as a calibration's model runs) and from the prior. Particles then
+begin around all of these modes evenly, and are tempered from there to the density. They do not use the masses that the first
+sampler gave to the modes.
 """
 
 from __future__ import annotations
@@ -30,31 +30,32 @@ from structid.inference.target import Target
 SCOUTS = 100
 """Draws of the prior from which modes are searched for, times the square of the number of parameters."""
 DRAWN = 10
-"""Times as many draws of the prior are made, of which these are chosen."""
+"""Factor on the draws of the prior from which these are chosen."""
 MOST_DRAWN = 100_000
-"""Draws of the prior at most, where scouts alone are not more."""
+"""Largest number of draws of the prior, unless the scouts alone are more."""
 NEGLIGIBLE = 1e-3
-"""Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
+"""Mass of a mode, relative to the total by Laplace's approximation, below which it is ignored."""
 TOLERANCE = 0.05
-"""Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
+"""Accepted differences: of the mass fractions of modes, of means in standard deviations, of standard deviations relative to
+each other."""
 EVIDENCE = 0.25
-"""Difference of log Z that does not matter [nat]. A tempering along a ridge loses as much on its way, and draws that miss a fifth
-of the probability differ in their shares, means or standard deviations, too."""
+"""Accepted difference of log Z [nat]. A tempering run along a ridge loses as much, and draws that miss a fifth of the
+probability also differ in mass fractions, means or standard deviations."""
 ERRORS = 3.0
-"""Standard errors beyond the tolerance at which two explorers disagree."""
+"""Standard errors beyond the tolerance at which two samplers disagree."""
 PARTICLES = 2000
-"""Draws that the second explorer knows of."""
+"""Draws used by the second sampler."""
 EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
-"""The second explorer."""
+"""The second sampler."""
 LONGEST = 16
-"""Times as many steps it takes once more where it disagrees; the first half of them is for settling."""
+"""Factor on its steps in a second attempt after a disagreement; their first half is discarded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Representation(ShownAsText):
-    """Two explorers of one density, side by side."""
+    """Comparison of two samplers of one density."""
 
-    names: tuple[str, ...]  # Parameters, or their logarithms; see `Target.compared`
+    names: tuple[str, ...]  # parameters, or their logarithms; see `Target.compared`
     # Local maxima in SI, of the density with respect to unconstrained coordinates
     modes: Float[np.ndarray, "mode parameter"]
     # Share of the draws that is nearest to each mode, by the first explorer and by the second
@@ -69,21 +70,21 @@ class Representation(ShownAsText):
     sd_gap: Float[np.ndarray, " parameter"]
     # How much larger the second explorer's standard deviations are, as a share, and the standard error of that
     sd_error: Float[np.ndarray, " parameter"]
-    evidence_gap: float  # log Z of the second explorer less that of the first; NaN where the first knows none
-    failures: tuple[str, ...]  # In what they disagree, one sentence each
+    evidence_gap: float  # log Z of the second sampler minus that of the first; NaN where the first has none
+    failures: tuple[str, ...]  # disagreements, one sentence each
 
     @property
     def agreed(self) -> bool:
-        """Whether the two explorers found the same."""
+        """Whether the two samplers agree."""
         return not self.failures
 
     def to_entry(self) -> dict[str, np.ndarray]:
-        """Give it as arrays, for a journal."""
+        """Convert to arrays for a journal."""
         return {field.name: np.array(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def of(cls, entry: Mapping[str, np.ndarray]) -> Representation:
-        """Read what `to_entry` gave."""
+        """Read the result of `to_entry`."""
         read: dict[str, Any] = dict(entry)
         words = {name: tuple(str(word) for word in read[name]) for name in ("names", "failures")}
         return cls(**read | words | {"evidence_gap": float(read["evidence_gap"])})
@@ -91,15 +92,15 @@ class Representation(ShownAsText):
     def __str__(self) -> str:
         worst, widest = int(np.argmax(np.abs(self.mean_gap))), int(np.argmax(np.abs(self.sd_gap)))
         modes = "one mode" if len(self.modes) == 1 else f"{len(self.modes)} modes"
-        told = (
+        heading = (
             f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} ± "
             f"{self.mean_error[worst]:.1g} standard deviations apart, the standard deviations of {self.names[widest]} by "
             f"{abs(self.sd_gap[widest]):.1%} ± {self.sd_error[widest]:.1%}"
         )
         if len(self.modes) > 1:
             shares = zip(self.shares, self.shares_again, strict=True)
-            told += "; shares of the modes " + ", ".join(f"{a:.2f} and {b:.2f}" for a, b in shares)
-        return "\n".join([told, *(f"  - {said}" for said in self.failures)])
+            heading += "; shares of the modes " + ", ".join(f"{a:.2f} and {b:.2f}" for a, b in shares)
+        return "\n".join([heading, *(f"  - {failure}" for failure in self.failures)])
 
 
 def represented(
@@ -111,7 +112,7 @@ def represented(
     evidence: Evidence | None = None,
     longest: int = LONGEST,
 ) -> Representation:
-    """Explore a target a second time, and compare draws with what is found."""
+    """Sample a target a second time, and compare draws with the result."""
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
     some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
     density = target.evaluate(some)[0]
@@ -121,10 +122,12 @@ def represented(
     for times in dict.fromkeys((1, longest)):  # of two that disagree the second may be the one that is wrong
         longer = replace(explorer, steps=times * explorer.steps)
         second = longer.run(reference, again, None, [], lambda _index, _block: None)
-        found = _compared(target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence)
-        if found.agreed:
+        comparison = _compared(
+            target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence
+        )
+        if comparison.agreed:
             break
-    return found
+    return comparison
 
 
 def _compared(
@@ -135,7 +138,7 @@ def _compared(
     settled: np.ndarray,
     evidence: Evidence | None,
 ) -> Representation:
-    """Draws beside those of the second explorer that it has made since it settled."""
+    """Compare draws with those of the second sampler after it has settled."""
     assert second.log_evidence is not None  # of a tempered sampler
     again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
@@ -162,17 +165,17 @@ def _compared(
 def _modes(
     target: Target, phi: np.ndarray, density: np.ndarray, known: np.ndarray, rng: np.random.Generator
 ) -> list[Mode]:
-    """All modes that matter, searched for from the draws, from known points and from the prior."""
+    """All relevant modes, searched for from the draws, from known points and from the prior."""
     count = SCOUTS * target.dimension**2 if target.knows_prior else 0
     many = target.initial(max(count, min(DRAWN * count, MOST_DRAWN)), rng) if count else phi[:0]
-    found = all_modes(target, phi, density, target.bijection.inverse(known), many, count)
-    masses = np.array([mode.log_mass for mode in found])
+    modes = all_modes(target, phi, density, target.bijection.inverse(known), many, count)
+    masses = np.array([mode.log_mass for mode in modes])
     matters = masses >= logsumexp(masses) + np.log(NEGLIGIBLE)
-    return [mode for mode, does in zip(found, matters, strict=True) if does]
+    return [mode for mode, does in zip(modes, matters, strict=True) if does]
 
 
 def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
-    """Which mode each point is nearest to, by the Gaussian law that touches the density there: (..., mode) of zeros and ones."""
+    """Nearest mode of each point under the Laplace approximations: (..., mode) of zeros and ones."""
     distances = []
     for mode in modes:
         standard = np.linalg.solve(mode.factor, (phi.reshape(-1, phi.shape[-1]) - mode.middle).T)
@@ -184,22 +187,22 @@ def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
 
 
 def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
-    """Modes whose shares differ."""
-    found = []
+    """Modes whose mass fractions differ."""
+    sentences = []
     for mode in range(first.shape[-1] if first.shape[-1] > 1 else 0):
         shares = first[..., mode], second[..., mode]
         error = math.hypot(*(standard_error(x) for x in shares))
         gap = abs(shares[0].mean() - shares[1].mean())
         if gap > TOLERANCE + ERRORS * error:
-            found.append(
+            sentences.append(
                 f"of the draws {shares[0].mean():.0%} lie at mode {mode + 1} of {first.shape[-1]}, and {shares[1].mean():.0%} of a "
                 "second explorer's, which begins at all modes evenly"
             )
-    return found
+    return sentences
 
 
 class _Gaps(NamedTuple):
-    """Gaps of means, in standard deviations, and of standard deviations, as a share, each with its error, shape (parameter,)."""
+    """Gaps of means, in standard deviations, and relative gaps of standard deviations, each with its error, shape (parameter,)."""
 
     mean: np.ndarray
     mean_error: np.ndarray
@@ -208,23 +211,23 @@ class _Gaps(NamedTuple):
 
 
 def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
-    """How far the moments of two explorers' draws are apart."""
+    """Gaps between the moments of two samplers' draws."""
     gaps = np.zeros((4, first.shape[-1]))
-    for place in range(first.shape[-1]):
-        ours, theirs = first[..., place], second[..., place]
-        centre, sd = ours.mean(), ours.std()
+    for index in range(first.shape[-1]):
+        first_draws, second_draws = first[..., index], second[..., index]
+        centre, sd = first_draws.mean(), first_draws.std()
         if sd == 0.0:
             continue
         # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
-        standard = [(x - centre) / sd for x in (ours, theirs)]
+        standard = [(x - centre) / sd for x in (first_draws, second_draws)]
         error = math.hypot(*(standard_error(x) for x in standard))
         error_of_square = math.hypot(*(standard_error((x - x.mean()) ** 2) for x in standard))
-        gaps[:, place] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
+        gaps[:, index] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
     return _Gaps(*gaps)
 
 
 def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
-    """The parameter in whose mean or standard deviation they differ most, if that matters."""
+    """The parameter with the largest gap in mean or standard deviation, if it exceeds the tolerance."""
     of_means, of_sds = np.abs(gaps.mean) - ERRORS * gaps.mean_error, np.abs(gaps.sd) - ERRORS * gaps.sd_error
     if max(of_means.max(), of_sds.max()) <= TOLERANCE:
         return []
@@ -236,7 +239,7 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
-    """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
+    """Probability found by one sampler only: log Z = log ∫ of the same density."""
     gap, error = second - first
     if abs(gap) <= EVIDENCE + ERRORS * error:
         return []

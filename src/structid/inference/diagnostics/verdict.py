@@ -1,4 +1,4 @@
-"""What a run's diagnostics come to: whether it has converged, and what speaks against it."""
+"""The verdict on a run: whether it has converged, and what contradicts it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ EFFECTIVE_SIZE_LIMIT = 400
 TAILS = (0.01, 0.99)
 """Quantiles beyond which draws are compared with an independent population."""
 SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
-"""What a sentence adds to a size."""
+"""Explanation added to an effective sample size."""
 ERRORS_APART = 5.0
-"""Standard errors by which they may differ: the largest of some dozens of comparisons."""
+"""Standard errors by which two estimates may differ: the largest of some dozens of comparisons."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +76,17 @@ class Verdict(ShownAsText):
 
     @property
     def unexplained(self) -> float:
-        """Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement."""
+        """Fraction of the measurement's variance left unexplained by the best prediction; NaN without a measurement."""
         return self.best.unexplained
 
     @property
     def another_size(self) -> bool:
-        """Whether that prediction is so much smaller or larger than the measurement that a unit is probably wrong."""
+        """Whether that prediction differs from the measurement so much in size that a unit is probably wrong."""
         return self.best.of_another_size
 
     @property
     def doubt(self) -> str:
-        """What is wrong with model or law, as a heading; empty where nothing speaks against them."""
+        """Heading for a wrong model or error model; empty where nothing contradicts them."""
         if self.wrong_model:
             return "The model is wrong for these data"
         return "The errors are not what their law says" if self.wrong_law else ""
@@ -102,14 +102,14 @@ class Verdict(ShownAsText):
                 f"{100.0 * self.unexplained:.2g} % of the measured variance unexplained."
             )
         if self.doubt:
-            lines += [self.doubt.upper(), *(f"  - {said}" for said in (*self.wrong_model, *self.wrong_law))]
+            lines += [self.doubt.upper(), *(f"  - {sentence}" for sentence in (*self.wrong_model, *self.wrong_law))]
         return "\n".join(lines)
 
 
 def convergence_failures(
     parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int, needed_length: float
 ) -> list[str]:
-    """What speaks against convergence."""
+    """Evidence against convergence, one sentence each."""
     failures: list[str] = []
     if ensembles < 2:
         failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
@@ -141,12 +141,12 @@ def unrest(
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     log_density: Float[np.ndarray, "step ensemble walker"],
 ) -> list[str]:
-    """Say that particles which were drawn from the prior have not come to rest."""
+    """Sentence about particles from the prior that have not reached equilibrium."""
     moving = still_moving(np.concatenate([draws, log_density[..., None]], axis=-1))
     if not moving:
         return []
-    place, errors = max(moving.items(), key=lambda item: abs(item[1]))
-    quantity = (*names, "the log density")[place]
+    index, errors = max(moving.items(), key=lambda item: abs(item[1]))
+    quantity = (*names, "the log density")[index]
     return [
         f"the particles are not at rest: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard errors "
         "while they move, and what they have not reached is neither in the draws nor in the evidence"
@@ -158,29 +158,33 @@ def disagreements(
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     beside: Float[np.ndarray, "_ _ _ parameter"],
 ) -> list[str]:
-    """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
+    """Compare draws with those of an independent population: means, and masses beyond the 1 and 99 % quantiles.
 
     A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
     """
-    found = []
-    for place, name in enumerate(names):
-        ours, theirs = draws[..., place], beside[..., place]
-        gap = _errors_apart(ours, theirs)
-        found.append((gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere"))
-        for probability, edge in zip(TAILS, np.quantile(ours, TAILS), strict=True):
-            beyond = [(x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (ours, theirs)]
-            found.append(
+    sentences = []
+    for index, name in enumerate(names):
+        own_draws, other_draws = draws[..., index], beside[..., index]
+        gap = _errors_apart(own_draws, other_draws)
+        sentences.append(
+            (gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere")
+        )
+        for probability, edge in zip(TAILS, np.quantile(own_draws, TAILS), strict=True):
+            beyond = [
+                (x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (own_draws, other_draws)
+            ]
+            sentences.append(
                 (
                     _errors_apart(*beyond),
                     f"beyond the {probability:.0%} quantile of {name} lie {beyond[1].mean():.1%} of an independent population: the "
                     "chains do not go far enough into the tail, or the population too far",
                 )
             )
-    gap, sentence = max(found)
+    gap, sentence = max(sentences)
     return [sentence] if gap > ERRORS_APART else []
 
 
-def _errors_apart(ours: np.ndarray, theirs: np.ndarray) -> float:
+def _errors_apart(first: np.ndarray, second: np.ndarray) -> float:
     """Difference of two means in combined standard errors."""
-    error = math.hypot(standard_error(ours), standard_error(theirs))
-    return float(abs(ours.mean() - theirs.mean()) / error) if error > 0.0 else 0.0
+    error = math.hypot(standard_error(first), standard_error(second))
+    return float(abs(first.mean() - second.mean()) / error) if error > 0.0 else 0.0

@@ -1,1 +1,1 @@
-"""Error models: how measurement and model may differ."""
+"""Error models: the difference between measurement and model as a random process."""

@@ -1,4 +1,4 @@
-"""The difference between model and measurement as a random process: y = M(θ) + ε."""
+"""The interface of error models: the difference between model and measurement as a random process, y = M(θ) + ε."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ErrorLaw(ABC):
     @property
     @abstractmethod
     def added(self) -> Discrepancy:
-        """The law of the errors that are added to the response."""
+        """The error model of ε, added to the response."""
 
     @property
     def inside(self) -> bool:
@@ -48,7 +48,7 @@ class ErrorLaw(ABC):
 
     @property
     def shared_parameters(self) -> dict[str, Marginal]:
-        """Further parameters that all observations share, and their priors."""
+        """Additional parameters shared by all observations, and their priors."""
         return {}
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
@@ -100,7 +100,7 @@ class ErrorLaw(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Return everything that defines the law, for hashes and reports."""
+        """Return everything that defines the error model, for hashes and reports."""
 
 
 class Discrepancy(ErrorLaw):
@@ -113,7 +113,7 @@ class Discrepancy(ErrorLaw):
 
     @property
     def of_the_model(self) -> Discrepancy | None:
-        """Law of that part of ε which may be the model's own error: what is correlated in time. None where nothing is."""
+        """The part of ε that may be the model's own error, i.e. what is correlated in time; None if nothing is."""
         return None
 
     independent: ClassVar[bool] = False

@@ -1,4 +1,4 @@
-"""Correlated discrepancies in state-space form: a likelihood that costs O(T), by a Kalman filter over all runs at once.
+"""Correlated errors in state-space form: a likelihood of cost O(T), by a Kalman filter over all runs at once.
 
 ε_t = s_t + e_t, with e white and s a stationary Gaussian process that is one component of a linear system
 
@@ -35,25 +35,25 @@ State = tuple[Any, Any]
 """Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all before it."""
 
 Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
-"""Maps a state and the values measured then to the next state and to the prediction's error v and precision 1/S."""
+"""Maps a state and the current measurements to the next state and to the innovation v with its precision 1/S."""
 
 HUGE = 1e100
-"""Unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed what a float holds."""
+"""Unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed the range of a float."""
 
 SMALLEST_WHITE = 1e-10
-"""Share of the correlated part's variance that is added to the white variance, so that a smooth process stays regular."""
+"""Fraction of the correlated variance added to the white variance, so that a smooth process stays regular."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correlated(Discrepancy):
-    """What the correlated laws share: a variance, a white variance, and the parameters of a kernel.
+    """Common part of the correlated error models: a variance, a white variance, and the parameters of a kernel.
 
-    Every parameter is known (a number), has a prior (a Marginal), or is left out. If left out, a variance has the prior
-    U(0, max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
+    Every parameter is known (a number), has a prior (a Marginal), or is omitted. If omitted, a variance has the prior U(0,
+    max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
     """
 
     variance: float | Marginal | None = None  # σ² of the correlated part, in the square of the channel's SI unit
-    white: float | Marginal | None = None  # Variance of the white part
+    white: float | Marginal | None = None  # variance of the white part
 
     kind: ClassVar[str] = "correlated"
 
@@ -110,15 +110,15 @@ class Correlated(Discrepancy):
 
     def _values(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> dict[str, Any]:
         """Every parameter as an array (channel, run)."""
-        found = {}
+        values = {}
         for name in ("variance", "white", *self._shapes()):
             given = getattr(self, name)
             rows = [
                 given if isinstance(given, (int, float)) else unknown[_name(name, channel, channels)]
                 for channel in channels
             ]
-            found[name] = numpy.stack([numpy.broadcast_to(numpy.asarray(r, dtype=np.float64), (runs,)) for r in rows])
-        return found
+            values[name] = numpy.stack([numpy.broadcast_to(numpy.asarray(r, dtype=np.float64), (runs,)) for r in rows])
+        return values
 
     def _system(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, numpy: Any
@@ -149,10 +149,10 @@ class Correlated(Discrepancy):
         dt: float,
         more_white: Any = 0.0,
     ) -> tuple[State, Step, Any]:
-        """What is known of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
+        """Distribution of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
 
         A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
-        arrays, and slow ones over the entries of a matrix, each an array of its own.
+        arrays, and slow ones over many small ones.
         """
         transition, noise, stationary, white = self._system(unknown, channels, runs, dt, jnp)
         white = white + more_white
@@ -204,7 +204,7 @@ class Correlated(Discrepancy):
         return fold.of(residual)
 
     def fold(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int) -> Fold:
-        """Give the log density as a fold over samples; see `Discrepancy.fold`."""
+        """The log density as a fold over samples; see `Discrepancy.fold`."""
         return self._folded(unknown, channels, runs, dt, samples)
 
     def _folded(
@@ -269,25 +269,25 @@ class Correlated(Discrepancy):
         values, vectors = np.linalg.eigh(np.moveaxis(dense, (0, 1), (-2, -1)))
         root = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
         state = [np.sqrt(stationary[i]) * rng.standard_normal(stationary[i].shape) for i in size]
-        found = np.empty((samples, *stationary[0].shape))
+        states = np.empty((samples, *stationary[0].shape))
         for t in range(samples):
-            found[t] = state[0]
+            states[t] = state[0]
             kick = np.einsum("crij,crj->icr", root, rng.standard_normal((*stationary[0].shape, len(stationary))))
             state = [sum(transition[i][k] * state[k] for k in size) + kick[i] for i in size]
-        found += np.sqrt(white) * rng.standard_normal(found.shape)
-        return found.transpose(2, 0, 1)
+        states += np.sqrt(white) * rng.standard_normal(states.shape)
+        return states.transpose(2, 0, 1)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind and what was given for each parameter."""
-        said: dict[str, Any] = {"kind": self.kind}
+        """Return the kind and the arguments."""
+        description: dict[str, Any] = {"kind": self.kind}
         for name in ("variance", "white", *self._shapes()):
             value = getattr(self, name)
-            said[name] = value.describe() if isinstance(value, Marginal) else value
-        return said
+            description[name] = value.describe() if isinstance(value, Marginal) else value
+        return description
 
 
 def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
-    """What an entry of a symmetric P, and the one opposite, add to an entry of F P Fᵀ."""
+    """Contribution of an entry of a symmetric P, and the opposite one, to an entry of F P Fᵀ."""
     (i, j), (p, q) = to, of
     share = transition[i][p] * transition[j][q]
     return share if p == q else share + transition[i][q] * transition[j][p]

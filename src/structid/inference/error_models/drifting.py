@@ -1,4 +1,4 @@
-"""Errors inside the model: parameters that drift while it responds, and noise added to the response."""
+"""Errors inside the model: parameters that drift during the response, and noise added to it."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 
 SPANS = 5
-"""Parts of the first record between knots, where nothing else is said."""
+"""Default number of intervals between knots in the first record."""
 
 MOST_SPANS = 100
-"""Most parts of the first record: each knot is a further parameter to be sampled for every parameter that drifts."""
+"""Largest number of intervals in the first record: each knot is a further sampled parameter for every drifting one."""
 
 DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
-"""Prior of a drift over the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
+"""Prior of a drift relative to the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
 
 
 @check_arguments
@@ -58,7 +58,7 @@ class Drifting(ErrorLaw):
 
     @property
     def added(self) -> Discrepancy:
-        """Law of the ε that are added to the response."""
+        """Error model of the added ε."""
         return self.errors
 
     def among(self, space: ParameterSpace, duration: float) -> Drifting:
@@ -102,13 +102,13 @@ class Drifting(ErrorLaw):
     @property
     def shared_parameters(self) -> dict[str, Marginal]:
         """d_j of every parameter, in its unit."""
-        found = {}
+        priors = {}
         for name, marginal in self._drifting.marginals.items():
             sd = marginal.moments[1] / factor(marginal.unit)
-            found[drift_name(name)] = LogNormal(
+            priors[drift_name(name)] = LogNormal(
                 log_mean=float(np.log(DRIFT_MEDIAN * sd)), log_sd=DRIFT_LOG_SD, unit=marginal.unit
             )
-        return found
+        return priors
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
         """Give the values of every b_j at the knots; see `ErrorLaw.hidden_parameters`.
@@ -171,7 +171,7 @@ class Drifting(ErrorLaw):
 
 
 ERRORS = {kind.word: kind.law for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
-"""Laws of the errors beside the drift, by their word in a study file."""
+"""Error models added to the response besides the drift, by their name in a study file."""
 
 
 def _of_words(every: float | None = None, errors: str = "iid") -> Drifting:

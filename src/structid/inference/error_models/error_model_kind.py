@@ -1,4 +1,4 @@
-"""What a law of the discrepancy says about itself, so that a study file can name it."""
+"""The description of an error model, by which a study file can name it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 SQUARED = "squared channel"
-"""Stands for a unit: the square of the channel's SI unit."""
+"""Stands for the square of the channel's SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,5 +33,5 @@ class LawKind:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Every key it understands."""
+        """All keys of the error model."""
         return (*self.quantities, *self.switches)

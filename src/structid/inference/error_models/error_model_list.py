@@ -1,4 +1,4 @@
-"""Every law of the discrepancy there is. A new one is a file with its `LawKind` and a line here."""
+"""All error models. A new one is a file with its `LawKind` and a line here."""
 
 from __future__ import annotations
 

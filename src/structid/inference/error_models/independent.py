@@ -1,4 +1,4 @@
-"""Independent errors: the law that the source assumes."""
+"""Independent Gaussian errors, the error model of the thesis."""
 
 from __future__ import annotations
 
@@ -118,8 +118,8 @@ class IID(Discrepancy):
         rows = []
         for channel in channels:
             given = self._given(channel)
-            known = given if isinstance(given, (int, float)) else unknown[self._name(channel, channels)]
-            rows.append(numpy.broadcast_to(numpy.asarray(known, dtype=np.float64), (runs,)))
+            is_known = given if isinstance(given, (int, float)) else unknown[self._name(channel, channels)]
+            rows.append(numpy.broadcast_to(numpy.asarray(is_known, dtype=np.float64), (runs,)))
         return numpy.stack(rows)
 
     def log_likelihood(

@@ -1,4 +1,4 @@
-"""Laws of correlated errors by their kernels: first-order autoregressive, Matérn 3/2, damped cosine."""
+"""Correlated error models by their kernels: first-order autoregressive, Matérn 3/2, damped cosine."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _spanning(low: float, high: float, unit: str) -> Marginal:
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedInTime(Correlated):
-    """Laws whose kernel has one parameter besides its variance, a correlation time."""
+    """Error models whose kernel has one parameter besides its variance, a correlation time."""
 
     correlation_time: float | Marginal | None = None  # ℓ [s]
 

@@ -1,4 +1,4 @@
-"""A posterior whose model has been run already, such as by a campaign."""
+"""A posterior whose model runs are given, such as those of a campaign."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.inference.likelihood.observation_likelihood import BoundLikelihood
 
 
 class GivenResponses:
-    """A posterior whose model has been run already."""
+    """A posterior whose model runs are given."""
 
     def __init__(
         self, likelihood: JointLikelihood, responses: Sequence[np.ndarray], compiled: Sequence[Callable[..., Any]]
@@ -22,8 +22,10 @@ class GivenResponses:
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
         # Thousands of drawn responses are finite as a rule, and are not copied then.
         runs = responses if self._finite.all() else [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
-        self._squares = [_sum_of_squares(bound, own) for bound, own in zip(likelihood.of, runs, strict=True)]
-        self._responses = [own.transpose(1, 2, 0) for own in runs]
+        self._squares = [
+            _sum_of_squares(bound, histories) for bound, histories in zip(likelihood.of, runs, strict=True)
+        ]
+        self._responses = [histories.transpose(1, 2, 0) for histories in runs]
         self._given = compiled
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
@@ -34,10 +36,10 @@ class GivenResponses:
             self._likelihood.of, self._given, self._responses, self._squares, strict=True
         ):
             if squares is not None:
-                found = bound.of_squares(squares, theta)
+                likelihood = bound.of_squares(squares, theta)
             else:
-                found = given(response, theta, bound.compared(bound.observation.values[:, :, None]))
-            total = total + np.asarray(found)
+                likelihood = given(response, theta, bound.compared(bound.observation.values[:, :, None]))
+            total = total + np.asarray(likelihood)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)
 
 
@@ -47,9 +49,9 @@ def _sum_of_squares(bound: BoundLikelihood, runs: np.ndarray) -> np.ndarray | No
         return None
     observation, squares = bound.observation, []
     # Channel by channel: contiguous samples are summed several times as fast as columns.
-    for place, channel in enumerate(observation.channels):
-        residual = observation.values[:, place] - runs[:, :, bound.model.channels.index(channel)]
+    for index, channel in enumerate(observation.channels):
+        residual = observation.values[:, index] - runs[:, :, bound.model.channels.index(channel)]
         if observation.sd is not None:
-            residual = residual / np.asarray(observation.sd)[:, place]
+            residual = residual / np.asarray(observation.sd)[:, index]
         squares.append(np.einsum("rt,rt->r", residual, residual))
     return np.stack(squares)

@@ -27,9 +27,9 @@ from structid.probability.space import ParameterSpace
 class JointLikelihood:
     """log L(y | θ) = Σ log L(y_i | θ) over observations that share a model's parameters.
 
-    θ are the model's parameters, then nuisances and discrepancy parameters of each observation. Where there are several
-    observations, these are numbered ``_1``, ``_2``, …. Errors inside the model belong to a test: observations of other
-    channels on the same record share them, with the number of the first of them.
+    θ holds the model's parameters, then nuisances and error-model parameters of each observation, numbered ``_1``, ``_2``, … if
+    there are several. Errors inside the model belong to a test: observations of other channels on the same record share them,
+    with the number of the first.
     """
 
     def __init__(
@@ -44,14 +44,14 @@ class JointLikelihood:
     ) -> None:
         self.model, self._map = model, map
         self.law = law.among(model_space, observations[0].record.duration)
-        own = [own_priors(observation, self.law) for observation in observations]
+        priors_of_observation = [own_priors(observation, self.law) for observation in observations]
         self._tests = of_one_test(observations)
-        self._names = _names_in_theta(observations, self._tests, self.law, own)
+        self._names = _names_in_theta(observations, self._tests, self.law, priors_of_observation)
         self.space = model_space.extended(
             **self.law.shared_parameters,
             **{
                 names[name]: prior
-                for names, priors in zip(self._names, own, strict=True)
+                for names, priors in zip(self._names, priors_of_observation, strict=True)
                 for name, prior in priors.items()
             },
         )
@@ -69,12 +69,12 @@ class JointLikelihood:
     @cached_property
     def bijection(self) -> Bijection:
         """Smooth map between ℝᵈ and the support of the prior."""
-        plain, place, marginals = self.space.bijection, self.space.names.index, self.space.marginals
+        plain, index, marginals = self.space.bijection, self.space.names.index, self.space.marginals
         scatters = [
             Scatter(
-                place(mean),
-                place(sd),
-                tuple(place(self._names[numbers[0]][name]) for name in members),
+                index(mean),
+                index(sd),
+                tuple(index(self._names[numbers[0]][name]) for name in members),
                 marginals[mean].moments[0],
                 float(marginals[sd].quantile(np.array(0.5))),
             )
@@ -85,7 +85,7 @@ class JointLikelihood:
 
     @cached_property
     def discrepancy_names(self) -> set[str]:
-        """Parameters of the discrepancy, for all observations."""
+        """Parameters of the error model, for all observations."""
         return set(self.law.shared_parameters) | {
             label
             for bound, names in zip(self.of, self._names, strict=True)
@@ -95,7 +95,7 @@ class JointLikelihood:
 
     @cached_property
     def hidden_names(self) -> frozenset[str]:
-        """Parameters of no interest by themselves, of all observations; see `ErrorLaw.hidden_parameters`."""
+        """Latent parameters of all observations; see `ErrorLaw.hidden_parameters`."""
         return frozenset(
             names[name]
             for bound, names in zip(self.of, self._names, strict=True)
@@ -109,15 +109,15 @@ class JointLikelihood:
     def on_record(
         self, theta: Float[np.ndarray, "run parameter"], record: Excitation, rng: np.random.Generator, index: int | None
     ) -> tuple[Model, np.ndarray]:
-        """Model and parameters that respond to a record, the errors inside the model with them."""
+        """Model and parameters for the response to a record, including errors inside the model."""
         if index is not None:
             return self.of[index].model, np.asarray(self.of[index].parameters(theta))
         model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
         if not hidden:
             return model, np.asarray(self.model_parameters(theta))
-        known = self.space.columns(theta, [name for name in model.free if name not in hidden])
+        columns = self.space.columns(theta, [name for name in model.free if name not in hidden])
         drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
-        return model, np.concatenate([known, drawn], axis=1)
+        return model, np.concatenate([columns, drawn], axis=1)
 
     def points(self, theta: np.ndarray) -> Float[np.ndarray, "run parameter"]:
         """Check an array of parameters."""
@@ -132,12 +132,12 @@ class JointLikelihood:
 
     @cached_property
     def of_one_run(self) -> tuple[tuple[int, ...], ...]:
-        """Numbers of the observations that share a response."""
+        """Indices of the observations that share a response."""
         return of_one_run(self.of)
 
     @cached_property
     def measured(self) -> tuple[Measured, ...]:
-        """What the density inside JAX takes of each observation."""
+        """Input of the density inside JAX, for each observation."""
         return tuple(bound.measured for bound in self.of)
 
     def traced(self, theta: Float[Array, "run parameter"], data: Sequence[Measured]) -> tuple[Any, Any]:
@@ -159,7 +159,7 @@ class JointLikelihood:
         inside: Bool[np.ndarray, " run"],
         values: Sequence[np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-likelihood and failure of every run of a model that is not a JAX function."""
+        """Log-likelihood and failure of every run of a model outside JAX."""
         likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
         rows = np.flatnonzero(inside)
         if rows.size == 0:
@@ -171,8 +171,8 @@ class JointLikelihood:
                 np.asarray(first.parameters(theta[rows])), first.observation.record, map=self._map
             )
             for index in numbers:
-                own = None if values is None else values[index][:, :, rows]
-                more, bad = self.of[index].on_host(theta[rows], run, own)
+                values_of_runs = None if values is None else values[index][:, :, rows]
+                more, bad = self.of[index].on_host(theta[rows], run, values_of_runs)
                 total, failed[rows] = total + more, failed[rows] | bad
         likelihood[rows] = total
         return likelihood, failed
@@ -189,14 +189,17 @@ class JointLikelihood:
 
 
 def _names_in_theta(
-    observations: Sequence[Observation], tests: Sequence[Sequence[int]], law: ErrorLaw, own: Sequence[Iterable[str]]
+    observations: Sequence[Observation],
+    tests: Sequence[Sequence[int]],
+    law: ErrorLaw,
+    own_names: Sequence[Iterable[str]],
 ) -> list[dict[str, str]]:
     """Names in θ of each observation's own parameters, by plain name."""
     if len(observations) == 1:
-        return [{name: name for name in own[0]}]
+        return [{name: name for name in own_names[0]}]
     first = {number: numbers[0] for numbers in tests for number in numbers}
-    found = []
-    for number, (observation, names) in enumerate(zip(observations, own, strict=True)):
+    result = []
+    for number, (observation, names) in enumerate(zip(observations, own_names, strict=True)):
         hidden = law.hidden_parameters(observation.record.duration)
-        found.append({name: f"{name}_{(first[number] if name in hidden else number) + 1}" for name in names})
-    return found
+        result.append({name: f"{name}_{(first[number] if name in hidden else number) + 1}" for name in names})
+    return result

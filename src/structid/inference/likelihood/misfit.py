@@ -26,7 +26,7 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 GRADIENT_BATCH = 64
-"""Runs differentiated at once: every parameter is a further history."""
+"""Runs differentiated at once; every parameter adds a history."""
 
 
 class Misfit:
@@ -71,7 +71,7 @@ class Misfit:
         return [1.0 / (o.in_sds(o.values) ** 2).sum(axis=0) for o in observations]
 
     def _with_rest(self, theta: Any) -> Any:
-        """All parameters of the posterior, inside JAX: the model's, and the others as they are held."""
+        """All parameters of the posterior, inside JAX: the model's, and the others at their fixed values."""
         return jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
 
     def _residuals(self, theta: Any, data: Any) -> Any:
@@ -93,8 +93,10 @@ class Misfit:
         for numbers in self._likelihood.of_one_run:
             bounds = [self._likelihood.of[k] for k in numbers]
             squares, finite = squares_of(bounds, full, [data[k] for k in numbers])
-            for k, own in zip(numbers, squares, strict=True):
-                total = total + jnp.where(finite, (self._weights[k][:, None] * own).sum(axis=0), jnp.inf)
+            for k, squares_of_observation in zip(numbers, squares, strict=True):
+                total = total + jnp.where(
+                    finite, (self._weights[k][:, None] * squares_of_observation).sum(axis=0), jnp.inf
+                )
         return total
 
     def _linearised(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
@@ -104,14 +106,14 @@ class Misfit:
         return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
 
     def _linearised_on_the_way(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
-        """The same of loops over time with their sensitivities: sums along the record, and no history is kept."""
-        found = []
+        """The same for loops over time with their sensitivities: sums along the record, without histories."""
+        sums_of_observations = []
         for numbers in self._likelihood.of_one_run:
             first = numbers[0]
             loop = with_sensitivities(partial(self._loop, self._likelihood.of[first], data[first]), theta.T)
             values = tuple(data[k].values for k in numbers)
-            found.append(loop.folded(_normal_equations(theta), values, self._sample(numbers, theta))[0])
-        value, gradient, *rows = (sum(parts) for parts in zip(*found, strict=True))
+            sums_of_observations.append(loop.folded(_normal_equations(theta), values, self._sample(numbers, theta))[0])
+        value, gradient, *rows = (sum(parts) for parts in zip(*sums_of_observations, strict=True))
         names = range(len(rows))
         whole = [jnp.stack([rows[max(i, j)][min(i, j)] for j in names], axis=-1) for i in names]
         return value, 2.0 * gradient.T, 2.0 * jnp.stack(whole, axis=1)
@@ -122,13 +124,13 @@ class Misfit:
         residuals = [self._likelihood.of[k].residual(full) for k in numbers]
         roots = [np.sqrt(self._weights[k])[:, None] for k in numbers]
 
-        def sample(seen: tuple[Any, Any], beside: Sequence[Any]) -> tuple[Any, Any]:
+        def sample(outputs: tuple[Any, Any], measured_row: Sequence[Any]) -> tuple[Any, Any]:
             def weighted(response: Any) -> Any:
-                each = zip(roots, residuals, beside, strict=True)
+                each = zip(roots, residuals, measured_row, strict=True)
                 return jnp.concatenate([root * residual(response, y) for root, residual, y in each])
 
-            residual, slope_along = jax.linearize(weighted, seen[0])
-            return residual, jax.vmap(slope_along)(seen[1])
+            residual, slope_along = jax.linearize(weighted, outputs[0])
+            return residual, jax.vmap(slope_along)(outputs[1])
 
         return sample
 
@@ -195,7 +197,7 @@ class Misfit:
 def _normal_equations(theta: Any) -> Fold:
     """Sums of r² (run,), of r ∂r (parameter, run), and of each row of ∂r ∂rᵀ up to its diagonal, over samples.
 
-    A sample is residuals r (channel, run) and their slopes (parameter, channel, run).
+    A sample consists of residuals r (channel, run) and their slopes (parameter, channel, run).
     """
     runs, parameters = theta.shape
 

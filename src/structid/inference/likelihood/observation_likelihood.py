@@ -1,7 +1,7 @@
-"""The likelihood of one observation: record, values, nuisances, discrepancy and shortcut in one piece.
+"""The likelihood of one observation: record, values, nuisances, error model and shortcut.
 
-Every likelihood is computed here: for the posterior, the misfit, responses computed beforehand, and the simulated measurements of
-a simulation-based calibration. It is traced inside JAX, or computed on the host for a model that is not a JAX function.
+Every likelihood is computed here: for the posterior, the misfit, given responses, and the simulated measurements of a simulation-
+based calibration. It is traced inside JAX, or computed on the host for a model outside JAX.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from structid.probability.truncation import Marginal
 
 @dataclass(frozen=True)
 class Measured:
-    """What a traced likelihood takes from an observation: arguments of the compiled density, not constants in it."""
+    """Data of an observation for a traced likelihood: arguments of the compiled density, not constants in it."""
 
-    excitation: TracedExcitation  # What drove the structure
+    excitation: TracedExcitation  # the excitation
     # What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the
     # measurement and 1 in units of them
     values: Any
-    shortcut: Shortcut | None  # A shorter way to the likelihood than through the response
+    shortcut: Shortcut | None  # direct way to the likelihood without the response
 
     def for_runs(self, measurement: Int[Array, " run"]) -> Measured:
-        """Give each run a measurement of its own."""
+        """Assign each run a measurement of its own."""
         shortcut = None if self.shortcut is None else self.shortcut.for_runs(measurement)
         return Measured(self.excitation, self.values[:, :, measurement], shortcut)
 
@@ -49,7 +49,7 @@ jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", 
 
 
 def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
-    """Priors of the parameters that an observation has besides the model's."""
+    """Priors of the parameters of an observation besides the model's."""
     record = observation.record
     values = observation.in_sds(observation.values)
     added = law.added.parameters(values, observation.channels, record.dt, observation.error_units)
@@ -79,7 +79,7 @@ class BoundLikelihood:
     # --- pieces -------------------------------------------------------------------------------------------------
 
     def unknowns(self, theta: Float[Array, "run parameter"]) -> dict[str, Any]:
-        """Nuisances and parameters of the discrepancy."""
+        """Nuisances and error-model parameters."""
         return {name: theta[:, column] for name, column in self._columns.items()}
 
     def parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
@@ -93,27 +93,27 @@ class BoundLikelihood:
     def shown(
         self, response: Float[Array, "*time channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, "*time shown_channel run"]:
-        """Turn a model's response into what the instruments would show, inside JAX."""
+        """Convert a model's response to what the instruments would show, inside JAX."""
         if self.model.channels != self.channels:
-            response = jnp.stack([response[..., place, :] for place in self._places], axis=-2)
+            response = jnp.stack([response[..., index, :] for index in self._places], axis=-2)
         return self.observation.transmit(response, self.unknowns(theta))
 
     def given(
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
     ) -> Float[Array, " run"]:
-        """Log-likelihood of responses computed beforehand, inside JAX."""
+        """Log-likelihood of given responses, inside JAX."""
         residual = self.residual(theta)(response, values)
-        found = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
-        return self._in_si(found)
+        result = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+        return self._in_si(result)
 
     def compared(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
-        """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them."""
+        """Data with which a response is compared: measurements, or where standard deviations are known, these in units of them."""
         if self.observation.sd is None:
             return values
         return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
 
     def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
-        """Give the function from response and measurement to their difference, in known standard deviations."""
+        """Return the function from response and measurement to their difference, in known standard deviations."""
         if self.observation.sd is None:
             return lambda response, values: values - self.shown(response, theta)
         count = len(self.channels)
@@ -126,31 +126,31 @@ class BoundLikelihood:
     def of_squares(
         self, squares: Float[Array, "channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, " run"]:
-        """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more."""
+        """Log-likelihood from sums of squared residuals, inside JAX, where these suffice."""
         samples = len(self.observation.values)
-        found = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
-        return self._in_si(found)
+        result = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
+        return self._in_si(result)
 
     @property
     def needs_only_squares(self) -> bool:
-        """Whether discrepancy and instrument need no more than a sum of squares."""
+        """Whether error model and instrument need only a sum of squares."""
         return self.discrepancy.independent and not self.observation.nuisances()
 
     # --- inside JAX ---------------------------------------------------------------------------------------------
 
     @cached_property
     def measured(self) -> Measured:
-        """What the traced likelihood takes from the observation."""
+        """Data of the observation for the traced likelihood."""
         return self.measured_as(self.observation.values[:, :, None])
 
     def measured_as(self, values: Float[np.ndarray, "time channel measurement"]) -> Measured:
-        """Use other measurements instead of the observation's."""
+        """Replace the observation's measurements by others."""
         model, record = self._traceable, self.observation.record
         shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
         return Measured(model.traced(record), self.compared(values), shortcut)
 
     def traced(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Log-likelihood and success of every run, inside JAX, by the shortest way."""
+        """Log-likelihood and success of every run, inside JAX, by the cheapest way."""
         if self._model_error:
             return self._with_model_error(theta, measured)
         if self.discrepancy.independent:
@@ -160,11 +160,11 @@ class BoundLikelihood:
         if loop is None or fold is None:
             response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
-        found, finite = loop.folded(fold, measured.values, self.residual(theta))
-        return self.of_fold(found, theta), finite
+        result, finite = loop.folded(fold, measured.values, self.residual(theta))
+        return self.of_fold(result, theta), finite
 
     def fold(self, theta: Float[Array, "run parameter"], samples: int) -> Fold | None:
-        """What becomes of the residuals, sample by sample."""
+        """Fold of the residuals over samples."""
         if self.discrepancy.independent:
             return self.sum_of_squares(theta.shape[0])
         return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, samples)
@@ -174,19 +174,19 @@ class BoundLikelihood:
         return sum_of_squares(jnp.zeros((len(self.channels), runs)))
 
     def of_fold(self, value: Any, theta: Float[Array, "run parameter"]) -> Float[Array, " run"]:
-        """Log-likelihood from what `fold` gives, inside JAX."""
+        """Log-likelihood from the result of `fold`, inside JAX."""
         return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
 
     def squares(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Sum of squared residuals over time, inside JAX, by the shortest way."""
+        """Sum of squared residuals over time, inside JAX, by the cheapest way."""
         parameters = self.parameters(theta)
         if measured.shortcut is not None and not self.observation.nuisances():
             return measured.shortcut.squares(parameters)
         if self.observation.nuisances():
             return self._squares(parameters, measured, self.residual(theta))
         held = self.residual(lax.stop_gradient(theta))  # of which it needs nothing
-        found: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
-        return found
+        result: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
+        return result
 
     def _squares(self, parameters: Any, measured: Measured, residual: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
         loop = self.loop(parameters, measured)
@@ -197,17 +197,17 @@ class BoundLikelihood:
 
     @property
     def takes_samples(self) -> bool:
-        """Whether it can take the response sample by sample: it is neither shifted in time, nor has it an error of its own."""
+        """Whether it can process the response sample by sample: no time shift, no model error of its own."""
         return not self._model_error and self.observation.time_shift is None
 
     def loop(self, parameters: Float[Array, "run free_parameter"], measured: Measured) -> TimeLoop | None:
-        """The loop over time that gives the response sample by sample."""
+        """The loop over time that produces the response sample by sample."""
         if self.observation.time_shift is not None:
             return None
         return self._traceable.time_loop(parameters, measured.excitation)
 
     def _with_model_error(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
-        """Log-likelihood with the model's own variance added to that of the discrepancy."""
+        """Log-likelihood with the model's own variance added to that of the error model."""
         unknown, parameters = self.unknowns(theta), self.parameters(theta)
         if self.needs_only_squares and measured.shortcut is not None:
             variance = self.discrepancy.variances(unknown, self.channels, theta.shape[0], jnp)
@@ -222,8 +222,8 @@ class BoundLikelihood:
             # A surrogate's variance is constant in time; in known standard deviations its mean is taken.
             white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
         residual = self.residual(theta)(response, measured.values)
-        found = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)
-        return self._in_si(found), finite
+        result = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)
+        return self._in_si(result), finite
 
     @property
     def _traceable(self) -> TraceableModel:
@@ -237,8 +237,8 @@ class BoundLikelihood:
         run: Histories,
         values: Float[np.ndarray, "time channel _"] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-likelihood and failure of every run of a model that is not a JAX function."""
+        """Log-likelihood and failure of every run of a model outside JAX."""
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
-        found = np.asarray(self.given(response, theta, self.compared(values)))
-        return np.where(run.done, found, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)
+        result = np.asarray(self.given(response, theta, self.compared(values)))
+        return np.where(run.done, result, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)

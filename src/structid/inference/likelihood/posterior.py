@@ -87,7 +87,7 @@ class Posterior(Target):
         self.bijection = self.likelihood.bijection
 
     def _check(self, refuse_unfit: bool) -> None:
-        """Refuse what does not fit together."""
+        """Refuse arguments that do not fit together."""
         if not self.observations:
             raise InputError("Posterior.observations", "none", "one Observation or more")
         self.model.check_names(self.model_space.names, self.model_space.all_names)
@@ -100,7 +100,7 @@ class Posterior(Target):
             self.model.check_excitation(observation.record)
 
     def _like(self, **changes: Any) -> Posterior:
-        """The same posterior except for some of its settings; the surrogate's fitness is not checked again."""
+        """The same posterior with some settings changed; the surrogate's fitness is not checked again."""
         settings: dict[str, Any] = {
             "space": self.model_space,
             "model": self.model,
@@ -119,17 +119,17 @@ class Posterior(Target):
 
     @property
     def hidden(self) -> frozenset[str]:
-        """What the errors inside the model are at single times; see `ErrorLaw.hidden_parameters`."""
+        """Values of the errors inside the model at single times; see `ErrorLaw.hidden_parameters`."""
         return self.likelihood.hidden_names
 
     @property
     def variances(self) -> frozenset[str]:
-        """Those of the law of the errors, which all laws name alike."""
+        """Variances of the error model, which all error models name alike."""
         return frozenset(n for n in self.names[self.model_space.dimension :] if n.startswith("sigma2"))
 
     @property
     def sd_units(self) -> dict[str, str]:
-        """Display unit of the standard deviation that belongs to each variance: that of the measured channel."""
+        """Display unit of the standard deviation of each variance: that of the measured channel."""
         displays = {
             si: observation.channel_unit(channel).display if si else ""
             for observation in self.observations
@@ -145,7 +145,7 @@ class Posterior(Target):
 
     @property
     def costs_runs(self) -> bool:
-        """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
+        """Whether each evaluation is a run of an expensive solver."""
         return not self.model.batched
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
@@ -212,7 +212,7 @@ class Posterior(Target):
 
     @cached_property
     def content_hash(self) -> str:
-        """Hash of prior, model, measurements and discrepancy."""
+        """Hash of prior, model, measurements and error model."""
         described = [o.describe() for o in self.observations]
         parts = [self.space.content_hash, self.model.content_hash, described, self.law.describe()]
         return digest(*parts, *(["model error"] if self.model_error else []))
@@ -270,7 +270,7 @@ class Posterior(Target):
 
     @property
     def data(self) -> tuple[Measured, ...]:
-        """What the density inside JAX takes of each observation."""
+        """Input of the density inside JAX, for each observation."""
         return self.likelihood.measured
 
     def _parts(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
@@ -389,12 +389,12 @@ class Posterior(Target):
 
     @property
     def in_lanes(self) -> bool:
-        """Whether its density is compiled in lanes, so that many runs take a small part of the time they take on JAX."""
+        """Whether its density is compiled to lanes, which takes a small fraction of JAX's time for many runs."""
         return self._compiled_in_lanes is not None
 
     @cached_property
     def _compiled_in_lanes(self) -> Callable[[np.ndarray], Any] | None:
-        """The density in unconstrained coordinates, bijection included, where it can be compiled in lanes."""
+        """The density in unconstrained coordinates, bijection included, where it can be compiled to lanes."""
         if not self.model.traceable:
             return None
         return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
@@ -470,8 +470,8 @@ class Posterior(Target):
         observation, unknown = self.observations[index], self.unknowns(theta, index)
         prediction = self.predict(theta, index) if prediction is None else prediction
         residual = observation.in_sds((observation.values - prediction).transpose(1, 2, 0))
-        found = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.record.dt)
-        return np.asarray(np.asarray(found).transpose(2, 0, 1) - observation.log_sds)
+        result = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.record.dt)
+        return np.asarray(np.asarray(result).transpose(2, 0, 1) - observation.log_sds)
 
     @cached_property
     def misfit(self) -> Any:

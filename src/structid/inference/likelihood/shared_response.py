@@ -17,13 +17,13 @@ from structid.observation import Observation
 
 
 def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], ...]:
-    """Find the observations of one test: other channels on the same record. The same channel once more is another test."""
+    """Group observations by test: other channels on the same record. A repeated channel is another test."""
     tests: list[tuple[str, set[str], list[int]]] = []
     for number, observation in enumerate(observations):
         record, channels = observation.record.content_hash, set(observation.channels)
-        for of_test, seen, numbers in tests:
-            if of_test == record and not seen & channels:
-                seen |= channels
+        for of_test, channels_seen, numbers in tests:
+            if of_test == record and not channels_seen & channels:
+                channels_seen |= channels
                 numbers.append(number)
                 break
         else:
@@ -32,11 +32,11 @@ def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], .
 
 
 def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
-    """Find the observations that share a response: of one record, one model and the same parameters of it."""
-    found: dict[Any, list[int]] = {}
+    """Group observations that share a response: one record, one model and the same model parameters."""
+    groups: dict[Any, list[int]] = {}
     for number, bound in enumerate(bounds):
-        found.setdefault((id(bound.model), bound.observation.record.content_hash, bound.free), []).append(number)
-    return tuple(map(tuple, found.values()))
+        groups.setdefault((id(bound.model), bound.observation.record.content_hash, bound.free), []).append(number)
+    return tuple(map(tuple, groups.values()))
 
 
 def squares_of(
@@ -46,9 +46,11 @@ def squares_of(
     if _in_one_loop(bounds, theta, data):
         folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
         plain = not any(bound.observation.nuisances() for bound in bounds)
-        found, finite = _folded(bounds, theta, data, folds, plain)
-        return list(found), finite
-    each, finite = zip(*(bound.squares(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+        result, finite = _folded(bounds, theta, data, folds, plain)
+        return list(result), finite
+    each, finite = zip(
+        *(bound.squares(theta, data_of_one) for bound, data_of_one in zip(bounds, data, strict=True)), strict=True
+    )
     return list(each), functools.reduce(operator.and_, finite)
 
 
@@ -57,18 +59,20 @@ def log_likelihood_of(
 ) -> tuple[Any, Any]:
     """Log-likelihood of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
-        folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
+        folds = [bound.fold(theta, len(data_of_one.values)) for bound, data_of_one in zip(bounds, data, strict=True)]
         if all(fold is not None for fold in folds):
             plain = all(bound.needs_only_squares for bound in bounds)
-            found, finite = _folded(bounds, theta, data, folds, plain)
-            return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, found, strict=True)), finite
-    each, finite = zip(*(bound.traced(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+            result, finite = _folded(bounds, theta, data, folds, plain)
+            return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, result, strict=True)), finite
+    each, finite = zip(
+        *(bound.traced(theta, data_of_one) for bound, data_of_one in zip(bounds, data, strict=True)), strict=True
+    )
     return sum(each), functools.reduce(operator.and_, finite)
 
 
 def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
-    """Whether there are several, and one loop over time gives what each of them needs."""
-    if len(bounds) == 1 or any(own.shortcut is not None for own in data):
+    """Whether there are several observations, and one loop over time serves all of them."""
+    if len(bounds) == 1 or any(data_of_one.shortcut is not None for data_of_one in data):
         return False
     looping = bounds[0].loop(bounds[0].parameters(theta), data[0]) is not None
     return looping and all(bound.takes_samples for bound in bounds)
@@ -77,23 +81,23 @@ def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[M
 def _folded(
     bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
 ) -> tuple[Any, Any]:
-    """Values of all folds, and whether the response is finite, of one loop over time.
+    """Values of all folds, and whether the response is finite, from one loop over time.
 
-    Plain are residuals and folds that depend on the model's parameters through the response alone.
+    `plain` are residuals and folds that depend on the model's parameters through the response alone.
     """
-    first, values = bounds[0], tuple(own.values for own in data)
+    first, values = bounds[0], tuple(data_of_one.values for data_of_one in data)
     at = lax.stop_gradient(theta) if plain else theta
     residuals = [bound.residual(at) for bound in bounds]
 
     def make(seen: Any, beside: Any) -> tuple[Any, ...]:
-        return tuple(residual(seen, own) for residual, own in zip(residuals, beside, strict=True))
+        return tuple(residual(seen, data_of_one) for residual, data_of_one in zip(residuals, beside, strict=True))
 
     def folded(parameters: Any) -> Any:
         loop = first.loop(parameters, data[0])
         assert loop is not None  # `_in_one_loop` has looked
         return loop.folded(side_by_side(folds), values, make)
 
-    found: tuple[Any, Any] = (
+    result: tuple[Any, Any] = (
         once_along_each(folded, first.parameters(theta)) if plain else folded(first.parameters(theta))
     )
-    return found
+    return result

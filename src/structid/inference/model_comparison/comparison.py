@@ -1,4 +1,4 @@
-"""Which model class the data favour, by evidence and by the predictive density of stretches of the measurement left out in turn.
+"""Comparison of model classes by evidence, and by the predictive density of stretches of the measurement left out in turn.
 
 A. Vehtari, A. Gelman & J. Gabry (2017), doi 10.1007/s11222-016-9696-4. The values of one history depend on each other, so whole
 stretches are left out, not single values; the density of a stretch is conditional on what was measured before it.
@@ -19,17 +19,17 @@ from structid.inference.model_comparison.pareto_smoothing import smoothed_weight
 from structid.inference.sampling.base import Evidence
 
 BLOCKS = 40
-"""Stretches that a history is cut into."""
+"""Number of stretches of a history."""
 GOOD_K_HAT = 0.7
-"""Tail index above which leaving a stretch out changes the posterior too much for weights to represent."""
+"""Tail index above which importance weights cannot represent the posterior without a stretch."""
 
 
 @dataclass(frozen=True, eq=False)
 class LeaveOut:
     """Expected log predictive density, stretch by stretch."""
 
-    each: Float[np.ndarray, " block"] = field(repr=False)  # Log density of each stretch given the others [nat]
-    k_hat: Float[np.ndarray, " block"] = field(repr=False)  # Tail index of the weights that leave it out
+    each: Float[np.ndarray, " block"] = field(repr=False)  # log density of each stretch given the others [nat]
+    k_hat: Float[np.ndarray, " block"] = field(repr=False)  # tail index of the weights that leave it out
 
     @property
     def value(self) -> float:
@@ -38,7 +38,7 @@ class LeaveOut:
 
     @property
     def error(self) -> float:
-        """Its standard error, from how the stretches differ [nat]."""
+        """Its standard error, from the scatter of the stretches [nat]."""
         return float(np.sqrt(len(self.each) * self.each.var(ddof=1)))
 
     @property
@@ -47,7 +47,7 @@ class LeaveOut:
         return int(np.count_nonzero(self.k_hat > GOOD_K_HAT))
 
     def less(self, other: LeaveOut) -> tuple[float, float]:
-        """How much better this class predicts the same stretches than another."""
+        """Difference of predictive density to another class on the same stretches."""
         gap = self.each - other.each
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
 
@@ -70,22 +70,22 @@ def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], 
 
 @dataclass(frozen=True, eq=False)
 class ModelClass:
-    """What a comparison knows about one model class."""
+    """Figures of one model class."""
 
-    name: str  # Name of the class
-    evidence: Evidence | None  # log Z; None where it is not known
-    left_out: LeaveOut  # Predictive density by stretches
-    parameters: int  # Number of parameters
-    unexplained: float  # Share of the measurement's variance that its best prediction leaves unexplained
-    inside: float  # Share of the measurement inside its 90 % predictive band
-    trusted: bool  # Whether its draws have converged, and are certified where they rest on a surrogate
+    name: str  # name of the class
+    evidence: Evidence | None  # log Z; None where it is unknown
+    left_out: LeaveOut  # predictive density by stretches
+    parameters: int  # number of parameters
+    unexplained: float  # fraction of the measurement's variance that its best prediction leaves unexplained
+    inside: float  # fraction of the measurement inside its 90 % predictive band
+    trusted: bool  # whether its draws have converged, and are certified where they rest on a surrogate
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ShownAsText):
-    """Model classes side by side."""
+    """Comparison of model classes."""
 
-    classes: tuple[ModelClass, ...]  # At least two, of the same measurements
+    classes: tuple[ModelClass, ...]  # at least two, of the same measurements
 
     def __post_init__(self) -> None:
         if len(self.classes) < 2:
@@ -93,12 +93,12 @@ class Comparison(ShownAsText):
 
     @property
     def by_evidence(self) -> bool:
-        """Whether every class knows its evidence."""
+        """Whether the evidence of every class is known."""
         return all(c.evidence is not None for c in self.classes)
 
     @property
     def best(self) -> ModelClass:
-        """The class with the most evidence, or with the most predictive density where some evidence is not known."""
+        """The class with the largest evidence, or predictive density where some evidence is unknown."""
         return max(self.classes, key=self._score)
 
     def _score(self, one: ModelClass) -> float:
@@ -114,7 +114,7 @@ class Comparison(ShownAsText):
 
     @property
     def probabilities(self) -> np.ndarray:
-        """Posterior probabilities of the classes from equal prior ones, shape (class,); NaN where an evidence is not known."""
+        """Posterior probabilities of the classes from equal prior ones, shape (class,); NaN where an evidence is unknown."""
         if not self.by_evidence:
             return np.full(len(self.classes), np.nan)
         values = np.array([c.evidence.value for c in self.classes if c.evidence is not None])
@@ -122,7 +122,7 @@ class Comparison(ShownAsText):
 
     @property
     def verdict(self) -> str:
-        """In a sentence."""
+        """The result in a sentence."""
         best, others = self.best, sorted((c for c in self.classes if c is not self.best), key=self._score)
         second = others[-1]
         if self.by_evidence:
@@ -148,7 +148,7 @@ class Comparison(ShownAsText):
         return sentence
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
-        """Give the figures as text."""
+        """The figures as text."""
         heads = [
             "model class", "parameters", "log evidence", "log Bayes factor", "probability", "log density left out", "to the best",
             "unexplained", "inside 90 %",
@@ -177,7 +177,7 @@ class Comparison(ShownAsText):
         return heads, rows
 
     def side_by_side(self) -> tuple[list[str], list[list[str]]]:
-        """Give the same with a column for each class, and what each row is in full."""
+        """The same with a column for each class, and the full meaning of each row."""
         _, rows = self.rows()
         meanings = [
             "parameters, those of the discrepancy included",

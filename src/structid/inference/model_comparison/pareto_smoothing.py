@@ -1,4 +1,4 @@
-"""Pareto-smoothed importance sampling: weights whose largest are replaced by quantiles of a fitted tail, and how heavy it is.
+"""Pareto-smoothed importance sampling: the largest weights are replaced by quantiles of a fitted tail.
 
 Sources: Vehtari, Simpson, Gelman, Yao & Gabry (2024, JMLR 25(72)); the fit of the tail is that of Zhang & Stephens (2009,
 Technometrics 51, 316).
@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 SMALLEST_TAIL = 5
-"""With fewer draws in the tail nothing can be fitted: k̂ is infinite."""
+"""Minimum number of draws in the tail; with fewer, k̂ is infinite."""
 
 PRIOR_DRAWS, PRIOR_K = 10.0, 0.5
-"""The fitted shape is drawn towards ½ as by ten draws (Vehtari et al., appendix C)."""
+"""The fitted shape is shrunk towards ½ as by ten draws (Vehtari et al., appendix C)."""
 
 
 def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray, float]:
@@ -29,7 +29,7 @@ def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray
 
 
 def _smooth_tail(weights: np.ndarray) -> float:
-    """Replace the largest weights, in place, by the expected order statistics of a generalised Pareto law; its shape k̂."""
+    """Replace the largest weights, in place, by the expected order statistics of a generalised Pareto distribution; returns k̂."""
     count = len(weights)
     # M = min(S/5, 3 √S) draws are the tail.
     length = int(np.ceil(min(count / 5.0, 3.0 * np.sqrt(count))))
@@ -49,7 +49,7 @@ def _smooth_tail(weights: np.ndarray) -> float:
 
 
 def pareto_fit(excess: Float[np.ndarray, " draw"]) -> tuple[float, float]:
-    """Fit a generalised Pareto law, 1 − F(x) = (1 + k x/σ)^(−1/k), by the empirical-Bayes estimate of Zhang & Stephens.
+    """Fit a generalised Pareto distribution, 1 − F(x) = (1 + k x/σ)^(−1/k), by Zhang & Stephens' empirical-Bayes estimate.
 
     With θ = −k/σ the profile likelihood of n draws is L(θ) = exp{n (log(−θ/k(θ)) − k(θ) − 1)}, k(θ) = mean log(1 − θ x). θ is its
     mean over a grid that their prior suggests.

@@ -1,8 +1,8 @@
-"""How far bands of another record must be narrowed or widened, by what they would have held of the measured one.
+"""Scale factors of prediction bands on another record, from their coverage on the measured record.
 
-A wrong model's error is in its predictions twice: as errors that are added, and as parameters that drift in another way. The
-measured record, predicted as if it were another one, shows how wide the two are together (conformal prediction: J. Lei et al. 2018,
-doi 10.1080/01621459.2017.1307116).
+A wrong model's error enters its predictions twice: as added errors, and as parameters that drift differently. The measured
+record, predicted as if it were another one, shows how wide the two are together (conformal prediction: J. Lei et al. 2018, doi
+10.1080/01621459.2017.1307116).
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from structid.inference.convergence import autocorrelation_time
 from structid.inference.prediction.error_growth import running_power
 
 PROBABILITY = 0.9
-"""Of the bands that are compared."""
+"""Probability of the compared bands."""
 LEVELS = np.array([-5.5, -4.5, -3.5, -2.5, -1.5, -0.5])
-"""Decades of the motion's running power over its largest, in each of which one factor is found: from quiet to strong."""
+"""Decades of the motion's running power relative to its largest; each has its own factor."""
 LIMITS = (0.02, 4.0)
-"""Of the factors: one record is not proof of more."""
+"""Limits of the factors, since one record proves no more."""
 FEWEST = 50
-"""Samples of a decade that has a factor of its own."""
+"""Minimum number of samples for a decade with its own factor."""
 ROUNDS = 6
-"""In which the factors, between which there is a gradual change, are found."""
+"""Iterations for the factors, between which the scale changes gradually."""
 
 
 @dataclass(frozen=True, eq=False)
 class BandScale:
-    """λ(t), by which draws are moved away from their median, as a function of the running power of the motion."""
+    """λ(t), the factor on the deviation of draws from their median, as a function of the motion's running power."""
 
     factors: Float[np.ndarray, "level channel"]  # λ at `LEVELS`; log λ is linear between them, and constant beyond
 
@@ -37,7 +37,7 @@ class BandScale:
     def of(
         cls, measured: Float[np.ndarray, "time channel"], draws: Float[np.ndarray, "draw time channel"], dt: float
     ) -> BandScale:
-        """Find the factors with which a band of draws would have held the measured values as often as it says."""
+        """Find the factors with which a band of draws would have had its nominal coverage of the measured values."""
         tail = 0.5 * (1.0 - PROBABILITY)
         low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
         half_width = np.where(measured > median, high - median, median - low)
@@ -49,17 +49,19 @@ class BandScale:
         return cls(factors)
 
     def applied(self, draws: Float[np.ndarray, "draw time channel"], dt: float) -> np.ndarray:
-        """Move draws away from their median, or towards it."""
+        """Scale the deviation of draws from their median."""
         if not len(draws):
             return draws
         median = np.median(draws, axis=0)
         power = _relative_power(median, dt)
-        scale = np.stack([_between(power[:, i], own) for i, own in enumerate(self.factors.T)], axis=1)
+        scale = np.stack(
+            [_between(power[:, i], factors_of_channel) for i, factors_of_channel in enumerate(self.factors.T)], axis=1
+        )
         return np.asarray(median + scale * (draws - median))
 
 
 def _relative_power(median: np.ndarray, dt: float) -> np.ndarray:
-    """Log₁₀ of the running power over its largest, shape (time, channel)."""
+    """Log₁₀ of the running power relative to its largest, shape (time, channel)."""
     power = running_power(median, dt)
     largest = np.maximum(power.max(axis=0), np.finfo(np.float64).tiny)
     return np.asarray(np.log10(np.maximum(power / largest, 1e-12)))
@@ -72,23 +74,23 @@ def _between(power: np.ndarray, factors: np.ndarray) -> np.ndarray:
 def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
     """Factors of one channel, from distances in half-widths of the band."""
     decade = np.clip(np.round(power - LEVELS[0]).astype(int), 0, len(LEVELS) - 1)
-    own = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
-    if not own:
+    populated = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
+    if not populated:
         return np.ones(len(LEVELS))
     # A decade of few samples goes with the nearest that has many.
-    nearest = np.array([min(own, key=lambda other: abs(other - level)) for level in range(len(LEVELS))])
+    nearest = np.array([min(populated, key=lambda other: abs(other - level)) for level in range(len(LEVELS))])
     factors = np.ones(len(LEVELS))
     for _ in range(ROUNDS):
         left = away / _between(power, factors)
-        found = np.array(
-            [_enough(left[nearest[decade] == level]) if level in own else 1.0 for level in range(len(LEVELS))]
+        result = np.array(
+            [_enough(left[nearest[decade] == level]) if level in populated else 1.0 for level in range(len(LEVELS))]
         )
-        factors = np.clip(factors * found[nearest], *LIMITS)
+        factors = np.clip(factors * result[nearest], *LIMITS)
     return factors
 
 
 def _enough(away: np.ndarray) -> float:
-    """The half-widths that hold 90 % of a next value: the ⌈(n + 1) p⌉-th of n independent ones, n of the correlated ones here."""
+    """Half-widths that cover 90 % of a next value: the ⌈(n + 1) p⌉-th of n independent ones, here n correlated ones."""
     outside = (away > np.quantile(away, PROBABILITY)).astype(np.float64)
     count = len(away) / autocorrelation_time(outside[None]) if outside.any() else 1.0
     return float(np.quantile(away, min(PROBABILITY * (count + 1.0) / count, 1.0)))

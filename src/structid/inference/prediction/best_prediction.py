@@ -1,4 +1,4 @@
-"""How well the best prediction fits what was measured."""
+"""Fit of the best prediction to the measurement."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from structid.inference.likelihood.posterior import Posterior
 
 UNEXPLAINED_LIMIT = 0.25
-"""A model is said to be wrong if its best prediction leaves this fraction of the measurement's variance unexplained."""
+"""Fraction of the measurement's variance left unexplained above which a model is considered wrong."""
 
 
 WRONG_BY = 8.0
@@ -18,25 +18,25 @@ WRONG_BY = 8.0
 
 
 class BestPrediction(NamedTuple):
-    """How well a prediction fits what was measured."""
+    """Fit of a prediction to the measurement."""
 
     # Fraction of the measurement's variance that it leaves unexplained; the largest over measurements and channels
     unexplained: float
-    peak: float  # Its peak over the measured one, where both differ most
+    peak: float  # its peak over the measured one, for the channel where they differ most
 
     @property
     def of_another_size(self) -> bool:
-        """Whether it is so much smaller or larger than the measurement that a unit is probably wrong; never where it fits."""
-        known = bool(np.isfinite(self.peak))  # there is none where the run failed
-        return known and self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
+        """Whether it differs from the measurement so much in size that a unit is probably wrong; never where it fits."""
+        has_peak = bool(np.isfinite(self.peak))  # there is none where the run failed
+        return has_peak and self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
 
 
 UNMEASURED = BestPrediction(float("nan"), float("nan"))
-"""Where there is nothing to compare with."""
+"""Result without a measurement."""
 
 
 def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> BestPrediction:
-    """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)², and how large it is."""
+    """Fraction of the measurements' variance left unexplained, Σ(y − M)² / Σ(y − ȳ)², and the ratio of peaks."""
     fractions, peaks = [], []
     for index, observation in enumerate(posterior.observations):
         measured, predicted = observation.values, posterior.predict(theta[None, :], index)[0]
@@ -50,5 +50,5 @@ def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
 
 
 def comparable(one: float, other: float) -> bool:
-    """Say whether two peaks are of similar size."""
+    """Whether two peaks are of similar size."""
     return bool(max(one, other) <= WRONG_BY * min(one, other))

@@ -1,4 +1,4 @@
-"""How the errors of a fit grow with the motion, so that they can be carried over to another record."""
+"""Growth of the errors of a fit with the motion, for transfer to another record."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PERIODS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ErrorGrowth:
-    """σ²(t) = σ² (1 − s + s p(t)/p̄): the part s of the errors' variance goes with the power p(t) of the motion."""
+    """σ²(t) = σ² (1 − s + s p(t)/p̄): the fraction s of the error variance is proportional to the power p(t) of the motion."""
 
     share: Float[np.ndarray, " channel"]  # s, from 0 (an instrument's noise) to 1 (a wrong model's error)
     # p̄, the mean power of the response to the measured record, in the square of the channel's SI unit
@@ -25,7 +25,7 @@ class ErrorGrowth:
     def scale(
         self, response: Float[np.ndarray, "run time channel"], dt: float
     ) -> Float[np.ndarray, "run time channel"]:
-        """Give σ(t)/σ for another record."""
+        """σ(t)/σ for another record."""
         if not (len(response) and self.share.any()):
             return np.ones(response.shape)
         power = np.stack([running_power(each, dt) for each in response])
@@ -41,7 +41,7 @@ def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Flo
 
 
 def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
-    """Find the part of the errors that goes with the motion: non-negative least squares of the residual's running power."""
+    """Fraction of the errors proportional to the motion: non-negative least squares of the residual's running power."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
     residual, dt = observation.values - response, observation.record.dt
     channels = len(observation.channels)

@@ -1,4 +1,4 @@
-"""How far a wrong model's parameters drift while the structure moves, estimated from the residuals of a fit."""
+"""Drift of a wrong model's parameters during the motion, estimated from the residuals of a fit."""
 
 from __future__ import annotations
 
@@ -14,56 +14,56 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.drifting_model import drift_name, hats
 
 STEP = 0.01
-"""Half the distance of central differences, in prior standard deviations."""
+"""Half the step of central differences, in prior standard deviations."""
 
 NATS = 5.0
-"""Parameters are said to drift where that raises the log-likelihood by more than this."""
+"""Increase of the log-likelihood above which parameters are considered to drift."""
 
 TOLD = 1.2
-"""A drift is told of if it exceeds what its prior alone expects by this factor: of a smaller one the data say nothing."""
+"""Ratio to its prior expectation above which a drift is reported; a smaller one is not supported by the data."""
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterDrift:
-    """By how much parameters change in time, where the data say that they do."""
+    """Drift of parameters in time, where the data show it."""
 
-    posterior: Posterior = field(repr=False)  # Whose parameters they are
+    posterior: Posterior = field(repr=False)  # posterior of the parameters
     # Standard deviations d_j of θ_j(t) about its mean, in SI; zeros where the data do not say that any parameter drifts
     sd: Float[np.ndarray, " parameter"] = field(repr=False)
-    gain: float  # By how much the best d raises the log density, over that without drift [nat]
+    gain: float  # increase of the log density by the best d over no drift [nat]
 
     @classmethod
     def sampled(cls, posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> ParameterDrift:
-        """Take the drift from draws of a posterior whose law lets parameters drift."""
+        """Take the drift from draws of a posterior with drifting parameters."""
         places = [posterior.names.index(drift_name(name)) for name in posterior.model_space.names]
         return cls(posterior, np.sqrt(np.mean(draws[:, places] ** 2, axis=0)), float("nan"))
 
     @property
     def found(self) -> bool:
-        """Whether the data say that the parameters drift."""
+        """Whether the data show that the parameters drift."""
         return bool(self.sd.any())
 
     def widened(self, sd: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
-        """Give the spread of the parameters on a record that was not measured, √(sd² + d²)."""
+        """Spread of the parameters on an unmeasured record, √(sd² + d²)."""
         return np.asarray(np.hypot(sd, np.pad(self.sd, (0, len(sd) - len(self.sd)))))
 
     def sentence(self, mean: Float[np.ndarray, " parameter"]) -> str:
-        """Say by how much they drift."""
+        """Describe the drift."""
         if not self.found:
             return ""
         parts = []
         marginals = self.posterior.model_space.marginals
         shares = self.sd / np.array([marginal.moments[1] for marginal in marginals.values()])
-        for place, (name, marginal) in enumerate(marginals.items()):
-            if shares[place] < min(TOLD * DRIFT_MEDIAN, shares.max()):
+        for index, (name, marginal) in enumerate(marginals.items()):
+            if shares[index] < min(TOLD * DRIFT_MEDIAN, shares.max()):
                 continue
-            unit, size = marginal.unit, float(self.sd[place])
-            told = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
-            if shares[place] > 1.0:
-                told += " (more than the standard deviation of its prior)"
-            elif abs(mean[place]) > size:  # of a mean near zero, a share says nothing
-                told += f" ({100.0 * size / abs(mean[place]):.2g} % of its mean)"
-            parts.append(told)
+            unit, size = marginal.unit, float(self.sd[index])
+            description = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
+            if shares[index] > 1.0:
+                description += " (more than the standard deviation of its prior)"
+            elif abs(mean[index]) > size:  # of a mean near zero, a share says nothing
+                description += f" ({100.0 * size / abs(mean[index]):.2g} % of its mean)"
+            parts.append(description)
         return (
             f"The parameters drift while the structure moves: {', '.join(parts)}. What is shown are their means over the measured "
             "record; on another record they may differ by as much."
@@ -72,32 +72,32 @@ class ParameterDrift:
     def moved(
         self, theta: Float[np.ndarray, "run parameter"], rng: np.random.Generator
     ) -> Float[np.ndarray, "run parameter"]:
-        """Draw what the parameters are on a record that was not measured: θ_j + d_j b_j, b_j ~ N(0, 1)."""
+        """Draw the parameters for an unmeasured record: θ_j + d_j b_j, b_j ~ N(0, 1)."""
         (low, high), count = self.posterior.model_space.bounds.T, len(self.sd)
-        own = theta[:, :count] + self.sd * rng.standard_normal((len(theta), count))
-        return np.concatenate([np.clip(own, low, high), theta[:, count:]], axis=1)
+        drifted = theta[:, :count] + self.sd * rng.standard_normal((len(theta), count))
+        return np.concatenate([np.clip(drifted, low, high), theta[:, count:]], axis=1)
 
 
 def drift_of(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], fit: Float[np.ndarray, " parameter"]
 ) -> ParameterDrift | None:
-    """Give the drift as the law itself has it, or as it is estimated from what a fit leaves."""
+    """Return the drift from the error model, or estimate it from the residuals of a fit."""
     return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
 
 
 def parameter_drift(
     posterior: Posterior, theta: Float[np.ndarray, " parameter"], spans: int = SPANS
 ) -> ParameterDrift | None:
-    """Estimate how far the parameters drift, to first order about a fit.
+    """Estimate the drift of the parameters, to first order about a fit.
 
-    With hats h_k about knots in time, S_j = ∂M/∂θ_j and the law's whitening L⁻¹, the whitened residual is
+    With hat functions h_k about knots in time, S_j = ∂M/∂θ_j and the error model's whitening L⁻¹, the whitened residual is
 
-        e = V √D b + η,   V_jk = L⁻¹ h_k S_j,   D = diag(d_j²),   b, η ~ N(0, I),
+    e = V √D b + η,   V_jk = L⁻¹ h_k S_j,   D = diag(d_j²),   b, η ~ N(0, I),
 
-    so that b can be integrated out: log p(e | d) = ½ zᵀ (I + √D VᵀV √D)⁻¹ z − ½ log |I + √D VᵀV √D| + const, z = √D Vᵀ e.
-    d maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with the law's parameters
-    held. It needs two runs of the model for each parameter, so it can be had where the model is a surrogate. Where it finds a
-    drift, θ at the fit is a mean over this record only: √(sd² + d²) is the spread of the parameter on another one.
+    so that b can be integrated out: log p(e | d) = ½ zᵀ (I + √D VᵀV √D)⁻¹ z − ½ log |I + √D VᵀV √D| + const, z = √D Vᵀ e. d
+    maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with fixed error-model
+    parameters. It needs two model runs per parameter, so that it also works with a surrogate. Where it finds a drift, θ at the
+    fit is a mean over this record only: √(sd² + d²) is the spread of the parameter on another one.
     """
     space = posterior.model_space
     if space.dimension == 0:  # of the errors alone
@@ -143,8 +143,8 @@ def _projections(
     sensitivity = (plus - minus) / (2.0 * steps[:, None, None])
     samples = response.shape[1]
     weights = hats(np.arange(samples) * spans / max(samples - 1, 1), spans + 1)
-    moved = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
-    series = np.concatenate([(observation.values - response[0])[..., None], moved], axis=2)
+    columns = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
+    series = np.concatenate([(observation.values - response[0])[..., None], columns], axis=2)
     unknown = {
         name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }

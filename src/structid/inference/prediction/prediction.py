@@ -1,4 +1,4 @@
-"""Prior and posterior prediction, with and without discrepancy, on the measured record or another one."""
+"""Prior and posterior prediction, with and without errors, on the measured record or another one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from structid.models.base import Model
 from structid.observation import Observation
 
 PEAK_SHARE = (0.5, 0.5)
-"""Mean and sd of the power of the measured peak's ratio that corrects the peaks of another record."""
+"""Mean and standard deviation of the exponent with which the ratio of measured peaks corrects the peaks on another record."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,11 @@ class Prediction(ShownAsText):
 
     @property
     def peaks(self) -> np.ndarray:
-        """Largest absolute value of what the structure does in every draw, in SI, shape (draw, channel).
+        """Largest absolute value of the structure's response in every draw, in SI, shape (draw, channel).
 
-        Of another record, each draw u is corrected by r^s_u, where r is `peak_ratio` and s_u the draw's `peak_share`: the half of
-        r, give or take a half. A model that is wrong about one peak is often wrong about the next in the same direction, and
-        one record does not tell how often.
+        On another record, each draw u is corrected by r^s_u, where r is `peak_ratio` and s_u the draw's `peak_share`: half of r
+        in the mean, with a standard deviation of a half. A model that errs on one peak often errs on the next in the same
+        direction, and one record does not show how often.
         """
         largest = _largest(self.response if self.structural is None else self.structural)
         if self.peak_ratio is None or self.peak_share is None:
@@ -120,7 +120,7 @@ class Prediction(ShownAsText):
 
 
 def first_that_takes(record: Excitation | None, *posteriors: Posterior) -> Posterior:
-    """Choose the posterior by which to predict a record: a surrogate may know only the records that it was fitted to."""
+    """Choose the first posterior that can predict a record: a surrogate may be restricted to its own records."""
     for posterior in posteriors[:-1]:
         try:
             if record is not None:
@@ -151,12 +151,12 @@ def predict(
 class Predictor:
     """Predicts the response of the same draws to one record after another; see `predict`."""
 
-    posterior: Posterior  # Model, measurements and discrepancy
-    theta: Float[np.ndarray, "draw parameter"] = field(repr=False)  # Draws in SI
-    seed: int = 0  # Seed of the discrepancy
+    posterior: Posterior  # model, measurements and error model
+    theta: Float[np.ndarray, "draw parameter"] = field(repr=False)  # draws in SI
+    seed: int = 0  # seed of the errors
     # How far the parameters of another record may be from those of the measured ones
     drift: ParameterDrift | None = None
-    scaled: bool = True  # Whether the errors are scaled by what their band holds of the measured record
+    scaled: bool = True  # whether errors are scaled by the coverage of their band on the measured record
 
     def on(
         self,
@@ -170,12 +170,12 @@ class Predictor:
         observations = self.posterior.observations
         if observation is not None and not 0 <= observation < len(observations):
             raise InputError("observation", f"{observation}", f"0 to {len(observations) - 1}")
-        own = observations[observation or 0].record
-        if observation is not None and record is not None and record is not own:
+        measured_record = observations[observation or 0].record
+        if observation is not None and record is not None and record is not measured_record:
             raise InputError(
                 "observation", f"{observation} and a record that is not its own", "one of the two", "Leave record out."
             )
-        record = own if record is None else record
+        record = measured_record if record is None else record
         sources = Sources.of_record(observations, record, channels, observation)
         prediction = self._responding(record, sources, progress, stand_in)
         if not self.scaled or not len(prediction.response):
@@ -185,7 +185,7 @@ class Predictor:
             measured = observations[index]
             if index in sources.here:
                 places = sources.places(index)
-                there = [measured.channels.index(sources.channels[place]) for place in places]
+                there = [measured.channels.index(sources.channels[position]) for position in places]
                 scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, places], record.dt)
                 whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have not been moved
         # The measured record once more costs an expensive model as many runs again.
@@ -194,7 +194,7 @@ class Predictor:
         ratios = np.ones(len(sources.channels))
         for index in sources.indices:
             measured, places = observations[index], sources.places(index)
-            there = [measured.channels.index(sources.channels[place]) for place in places]
+            there = [measured.channels.index(sources.channels[position]) for position in places]
             scale, ratio = self._of_the_measured_record(index)
             whole = _scaled(whole, BandScale(scale.factors[:, there]), places, record.dt)
             ratios[places] = ratio[there]
@@ -202,7 +202,7 @@ class Predictor:
         return replace(whole, peak_ratio=ratios, peak_share=share)
 
     def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
-        """What a prediction of an observation, made as for another record, would have held of it; the ratio of peaks."""
+        """Coverage of a prediction of an observation made as for another record, and the ratio of peaks."""
         if index not in self._measured_again:
             observation = self.posterior.observations[index]
             another = copy.copy(observation.record)  # records are told apart by identity
@@ -223,7 +223,7 @@ class Predictor:
         return {}
 
     def _growth(self, index: int) -> ErrorGrowth:
-        """How the errors of an observation grow with the motion, which costs one run, once."""
+        """Error growth of an observation; costs one run, once."""
         if index not in self._growth_of_errors:
             self._growth_of_errors[index] = error_growth(self.posterior, self.theta.mean(axis=0), index)
         return self._growth_of_errors[index]
@@ -236,13 +236,15 @@ class Predictor:
         stand_in: Model | None = None,
         instrument: bool = False,
     ) -> Prediction:
-        """Draws of the response; of another record with the observations' instruments only if asked for."""
+        """Draws of the response; on another record with the instruments' nuisances only on request."""
         posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
         observations = posterior.observations
         if self.drift is not None and not posterior.law.inside and not sources.here:
             theta = self.drift.moved(theta, hidden)
         measured = {index: observations[index].channels for index in sources.indices}
-        every = tuple(dict.fromkeys((*(c for own in measured.values() for c in own), *sources.channels)))
+        every = tuple(
+            dict.fromkeys((*(c for channels_of_one in measured.values() for c in channels_of_one), *sources.channels))
+        )
         # Errors inside the model are an observation's own: then each has a run of its own.
         alone = posterior.law.inside and len(sources.here) > 1
         runs = {
@@ -252,7 +254,7 @@ class Predictor:
         good = np.all([run.done for run in runs.values()], axis=0)
 
         def response_of(index: int | None, channels: Sequence[str]) -> np.ndarray:
-            """The model's response, with the instrument of an observation, (draw, time, channel)."""
+            """The model's response with the instrument of an observation, (draw, time, channel)."""
             run = runs[index] if alone and index is not None else next(iter(runs.values()))
             values = run.values[good][:, :, [run.channels.index(c) for c in channels]]
             if index is None or not len(values) or not (index in sources.here or instrument):
@@ -261,14 +263,14 @@ class Predictor:
             shown = observations[index].transmit(values.transpose(1, 2, 0), unknown)
             return np.asarray(shown).transpose(2, 0, 1)
 
-        responses = {index: response_of(index, own) for index, own in measured.items()}
+        responses = {index: response_of(index, channels_of_one) for index, channels_of_one in measured.items()}
         plain = response_of(None, sources.channels)
 
         def erring(law: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
-            found = plain.copy()
+            result = plain.copy()
             for index, response in responses.items():
                 observation, places = observations[index], sources.places(index)
-                there = [observation.channels.index(sources.channels[place]) for place in places]
+                there = [observation.channels.index(sources.channels[index_of_channel]) for index_of_channel in places]
                 values = response
                 if law is not None:
                     drawn = purpose or (
@@ -279,14 +281,14 @@ class Predictor:
                     rng, unknown = stream(self.seed, drawn, index), posterior.unknowns(theta[good], index)
                     errors = law.draw(rng, response.shape, unknown, observation.channels, record.dt)
                     values = response + self._size_of_errors(index, response, record.dt, index in sources.here) * errors
-                found[:, :, places] = values[:, :, there]
-            return np.asarray(found)
+                result[:, :, places] = values[:, :, there]
+            return np.asarray(result)
 
         law, first = posterior.discrepancy, next(iter(runs.values()))
         units = first.units | {
             c: observations[index].channel_unit(c)
-            for index, own in reversed(measured.items())
-            for c in own
+            for index, channels_of_one in reversed(measured.items())
+            for c in channels_of_one
             if c in observations[index].units
         }
         return Prediction(
@@ -311,7 +313,7 @@ class Predictor:
         progress: Progress | None,
         stand_in: Model | None,
     ) -> Histories:
-        """Run the model on a record; `index` says which observation, None another record."""
+        """Run the model on a record; `index` names the observation, None another record."""
         posterior = self.posterior
         if stand_in is not None:
             space = posterior.model_space
@@ -323,7 +325,7 @@ class Predictor:
         return model.simulate(parameters, record, progress=progress, map=posterior.map)
 
     def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
-        """By what the errors of an observation are multiplied: their growth with the motion, and known standard deviations."""
+        """Factor on the errors of an observation: their growth with the motion, and known standard deviations."""
         observation = self.posterior.observations[index]
         scale = self._growth(index).scale(response, dt)
         if observation.sd is None:
@@ -335,11 +337,11 @@ class Predictor:
 
 @dataclass(frozen=True)
 class Sources:
-    """Which observation says what errors a predicted channel has."""
+    """The observation that determines the errors of each predicted channel."""
 
-    channels: tuple[str, ...]  # What is predicted
-    of: tuple[int | None, ...]  # The observation of each channel; None for a channel that nobody measured
-    here: frozenset[int]  # Observations that were made on the predicted record itself
+    channels: tuple[str, ...]  # predicted channels
+    of: tuple[int | None, ...]  # index of the observation of each channel; None for an unmeasured channel
+    here: frozenset[int]  # observations made on the predicted record itself
 
     @classmethod
     def of_record(
@@ -349,7 +351,7 @@ class Sources:
         channels: tuple[str, ...] | None,
         observation: int | None,
     ) -> Sources:
-        """Choose for every channel an observation on that record, or else the first that measured the channel."""
+        """Choose for every channel an observation on that record, otherwise the first that measured the channel."""
         on_record = [i for i, o in enumerate(observations) if o.record is record]
         here = on_record if observation is None else [observation]
         order = [*here, *(i for i in range(len(observations)) if i not in here)]
@@ -360,16 +362,16 @@ class Sources:
 
     @property
     def indices(self) -> list[int]:
-        """Observations that are a source, in their order."""
+        """Observations that are a source, in order."""
         return sorted({index for index in self.of if index is not None})
 
     def places(self, index: int) -> list[int]:
-        """Places of the channels whose source is one observation."""
-        return [place for place, source in enumerate(self.of) if source == index]
+        """Indices of the channels whose source is one observation."""
+        return [index_of_channel for index_of_channel, source in enumerate(self.of) if source == index]
 
 
 def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
-    """Measured peak over the predicted one with the instrument's noise, which makes a peak larger, shape (channel,).
+    """Ratio of the measured peak to the predicted one with the instrument's noise, which increases peaks, shape (channel,).
 
     The errors of a wrong model are smooth, noise is not: σ² is estimated from second differences of the residual, whose variance
     is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, who takes first ones).
@@ -391,14 +393,14 @@ def _largest(histories: np.ndarray) -> np.ndarray:
 def _scaled(
     prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
 ) -> Prediction:
-    """A prediction with errors as large as they were on the measured record, in some channels; `response`: its own draws too."""
+    """A prediction whose errors in some channels are scaled as on the measured record; `response`: its response too."""
     if not places:
         return prediction
 
     def applied(draws: np.ndarray, scale: BandScale) -> np.ndarray:
-        found = draws.copy()
-        found[:, :, places] = scale.applied(draws[:, :, places], dt)
-        return found
+        scaled = draws.copy()
+        scaled[:, :, places] = scale.applied(draws[:, :, places], dt)
+        return scaled
 
     # What the parameters leave open is a part of the whole: narrowed with it, but not widened. A peak is an extreme of the whole
     # record, of which a band that holds nine tenths of the samples says little: what peaks are taken from is not narrowed.

@@ -1,1 +1,1 @@
-"""Sampling: the samplers, their moves, and their draws on disk."""
+"""Sampling: the samplers, their moves, their draws on disk."""

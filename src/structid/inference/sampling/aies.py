@@ -30,9 +30,9 @@ from structid.inference.sampling.moves import EnsembleState, Moves, halves, move
 from structid.inference.target import Target
 
 SETTLING_GAP = 30.0
-"""While the ensemble settles, a walker this many nats below the median is taken to be caught in a false mode."""
+"""While the ensemble settles, a walker this many nats below the median is considered trapped in a false mode."""
 USUAL_CANDIDATES, USUAL_SETTLING = 20, 100
-"""Candidates for the start of a walker, and steps in which an ensemble settles, where nothing else is said."""
+"""Default number of candidates for the start of a walker, and default number of settling steps."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 
@@ -114,8 +114,8 @@ class AIES(Sampler):
         dict
             For hashes; more steps continue the same chain.
         """
-        said = {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
-        return said | {"settling_steps": self.settled_steps}
+        settings = {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
+        return settings | {"settling_steps": self.settled_steps}
 
     @property
     def settled_steps(self) -> int:
@@ -125,7 +125,7 @@ class AIES(Sampler):
 
     @property
     def in_words(self) -> str:
-        """The settings in a line, for a report."""
+        """The settings in one line, for a report."""
         return (
             f"AIES, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, {self.discard:.0%} discarded, "
             f"{self.differential_evolution:.0%} differential-evolution moves"
@@ -197,24 +197,24 @@ def starting_state(
     total = settings.ensembles * settings.walkers
     usual = 1 if target.costs_runs or points is not None else USUAL_CANDIDATES
     candidates = usual if settings.start_candidates is None else settings.start_candidates
-    wanted = total * candidates
+    required = total * candidates
     phi, density = np.empty((0, target.dimension)), np.empty(0)
     failed_simulations = 0
     for _ in range(START_TRIES):
-        fresh = target.initial(wanted, rng) if points is None else _chosen(target, points, wanted, rng)
+        fresh = target.initial(required, rng) if points is None else _chosen(target, points, required, rng)
         value, failed = target.evaluate(fresh)
         failed_simulations += int(failed.sum())
         good = np.isfinite(value)
         phi, density = np.concatenate([phi, fresh[good]]), np.concatenate([density, value[good]])
-        if len(phi) >= wanted:
+        if len(phi) >= required:
             break
     else:
         raise ConvergenceError(
-            f"Only {len(phi)} of {START_TRIES * wanted} starting points have a finite log density "
+            f"Only {len(phi)} of {START_TRIES * required} starting points have a finite log density "
             f"({failed_simulations} simulations failed). Check the priors: most of what they allow cannot be simulated "
             "or has no likelihood."
         )
-    phi, density = phi[:wanted], density[:wanted]
+    phi, density = phi[:required], density[:required]
     if candidates > 1:
         # Each ensemble draws its own walkers from its own candidates; Gumbel noise on the ranks keeps them dispersed.
         groups = density.reshape(settings.ensembles, -1)
@@ -263,7 +263,7 @@ def run_block(
 
 
 def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
-    """Move walkers caught in a false mode to healthy ones of their ensemble."""
+    """Move walkers trapped in a false mode to healthy ones of their ensemble."""
     rng = stream(seed, Purpose.ENSEMBLE_SETTLING, index)
     phi, density = state.copied()
     for ensemble in range(len(phi)):
@@ -274,9 +274,9 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
 
 
 def study_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that converge on the benchmark study, for a study file that leaves them out."""
+    """Settings that converge in the benchmark study, for a study file without them."""
     defaults: dict[str, Any] = {
         "walkers": 32, "steps": 3000, "ensembles": 4, "differential_evolution": 0.8, "discard": 0.3, "start_candidates": 10,
     }  # fmt: skip
-    said = {**defaults, **given}
-    return {**defaults, "settling_steps": min(500, int(said["discard"] * said["steps"]))}
+    settings = {**defaults, **given}
+    return {**defaults, "settling_steps": min(500, int(settings["discard"] * settings["steps"]))}

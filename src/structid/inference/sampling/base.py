@@ -1,4 +1,4 @@
-"""What every sampler is: settings that draw from a target, block by block, and what they return."""
+"""The interface of samplers: settings that draw from a target in blocks, and the results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCK_STEPS = 50
 """Steps between two writes to the store. Random streams are derived block by block, so a killed run repeats one block."""
 
 Keep = Callable[[int, Block], None]
-"""Adds to a block how long it took, and puts it on disk under its number."""
+"""Adds the wall time to a block, and stores it on disk under its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,25 +54,25 @@ class Evidence:
         return cls(value, float(error), each)
 
     def __str__(self) -> str:
-        said = f"log evidence {self.value:.2f} ± {self.error:.2f}"
+        text = f"log evidence {self.value:.2f} ± {self.error:.2f}"
         if not self.at_rest:
-            return f"{said}, without what the particles have not reached: they are not at rest"
-        return said if np.isnan(self.smallest_basin) else f"{said} ({self.reach})"
+            return f"{text}, without what the particles have not reached: they are not at rest"
+        return text if np.isnan(self.smallest_basin) else f"{text} ({self.reach})"
 
     def __sub__(self, other: Evidence) -> LogBayesFactor:
-        """Compare with that of another model of the same measurement: log Z − log Z′, with the errors of both."""
+        """Log Bayes factor against another model of the same measurement: log Z − log Z′, with both errors."""
         return LogBayesFactor(self.value - other.value, float(np.hypot(self.error, other.error)))
 
     @property
     def reach(self) -> str:
-        """Which modes are in it."""
+        """Which modes it includes."""
         return f"of the modes whose basin holds {100 * self.smallest_basin:.2g} % of the prior or more"
 
 
 class LogBayesFactor(NamedTuple):
-    """How much more a measurement speaks for one model than for another."""
+    """Evidence of a measurement for one model against another."""
 
-    value: float  # Log of the ratio of both evidences [nat]: e^5 is 148 to 1
+    value: float  # log of the ratio of both evidences [nat]: e^5 is 148 to 1
     error: float  # Its standard error
 
     def __str__(self) -> str:
@@ -81,16 +81,16 @@ class LogBayesFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Cost:
-    """What a chain cost whose proposals come from a surrogate."""
+    """Cost of a chain whose proposals come from a surrogate."""
 
-    true_runs: int  # Runs of the model itself, including those of the start
-    surrogate_runs: int  # Runs of the surrogate in sub-chains
-    acceptance: float  # Share of the proposals that the model accepted, over the kept steps
-    sub_steps: int  # Moves of a sub-chain, as tuned
+    true_runs: int  # runs of the model itself, including those of the start
+    surrogate_runs: int  # runs of the surrogate in sub-chains
+    acceptance: float  # fraction of proposals that the model accepted, over the kept steps
+    sub_steps: int  # moves of a sub-chain, as tuned
 
     @property
     def speed_up(self) -> float:
-        """Moves of the chain for each run of the model, refused ones not counted. Without the surrogate, each move takes a run."""
+        """Accepted moves of the chain per run of the model. Without the surrogate, each move takes a run."""
         return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
 
     def __str__(self) -> str:
@@ -102,16 +102,16 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a sampler has drawn."""
+    """The draws of a sampler."""
 
     # Unconstrained coordinates of every step, the discarded ones included
     phi: Float[np.ndarray, "step ensemble walker parameter"]
-    log_density: Float[np.ndarray, "step ensemble walker"]  # Log density with respect to φ
-    accepted: Bool[np.ndarray, "step ensemble walker"]  # Whether each proposal was accepted
-    failed: int  # Simulations that failed
-    log_evidence: Evidence | None = None  # For samplers that estimate it
-    cost: Cost | None = None  # For samplers that run both a model and its surrogate
-    divergent: int = 0  # Trajectories that did not conserve energy, for samplers that follow trajectories
+    log_density: Float[np.ndarray, "step ensemble walker"]  # log density with respect to φ
+    accepted: Bool[np.ndarray, "step ensemble walker"]  # whether each proposal was accepted
+    failed: int  # failed simulations
+    log_evidence: Evidence | None = None  # for samplers that estimate it
+    cost: Cost | None = None  # for samplers that run both a model and its surrogate
+    divergent: int = 0  # trajectories that did not conserve energy
 
 
 class Sampler(ABC):
@@ -137,7 +137,7 @@ class Sampler(ABC):
 
     @property
     def proposal_model(self) -> Model | None:
-        """What makes the proposals instead of the sampled model; None where the target itself does."""
+        """The surrogate that makes proposals; None where the target itself does."""
         return None
 
     def proposing_by(self, surrogate: Model) -> Sampler:
@@ -188,7 +188,7 @@ class Sampler(ABC):
     @property
     @abstractmethod
     def in_words(self) -> str:
-        """The settings in a line, for a report."""
+        """The settings in one line, for a report."""
 
     @abstractmethod
     def run(
@@ -234,17 +234,17 @@ def correlation(
 
 
 def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
-    """Put blocks together."""
+    """Concatenate blocks."""
     return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
 
 
 def block_lengths(steps: int) -> Iterator[int]:
-    """Lengths of the blocks a run is made of."""
+    """Lengths of the blocks of a run."""
     for begin in range(0, steps, BLOCK_STEPS):
         yield min(BLOCK_STEPS, steps - begin)
 
 
 def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
-    """Leave out a last block that an earlier, shorter run cut short: its random stream is that of a whole block."""
+    """Drop a last block that an earlier, shorter run truncated: its random stream is that of a whole block."""
     cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
     return blocks[:-1] if cut_off else blocks

@@ -14,14 +14,14 @@ from structid.core.hashing import digest
 from structid.core.journal import Journal, compare_identity, opened_hdf5
 
 SCHEMA = 5
-"""Version of the layout inside the file, and of the moves that continue from it."""
+"""Version of the file layout, and of the moves that continue from it."""
 
 
 class ChainStore:
-    """Blocks of draws that survive a kill: each is on disk before the next is begun.
+    """Blocks of draws that survive a kill: each is on disk before the next begins.
 
-    An HDF5 file that is being appended to does not survive a kill, so blocks go to a checksummed journal
-    (``<path>.journal``) and are put together into the HDF5 file by write-then-rename.
+    An HDF5 file does not survive a kill while it is extended, so that blocks go to a checksummed journal (``<path>.journal``) and
+    are merged into the HDF5 file by write-then-rename.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
@@ -35,11 +35,11 @@ class ChainStore:
         if not self.path.exists():
             return []
         with opened_hdf5(self.path, "draws of a sampler") as file:
-            said, arrays = file.attrs["identity"], {name: file[name][...] for name in file}
-            checksum = _checksum(said, arrays)
+            identity, arrays = file.attrs["identity"], {name: file[name][...] for name in file}
+            checksum = _checksum(identity, arrays)
             if file.attrs.get("checksum", checksum) != checksum:  # files of before have none
                 raise OSError("what it holds does not have its checksum")
-        compare_identity(self.path, json.loads(said), self.identity)
+        compare_identity(self.path, json.loads(identity), self.identity)
         ends = np.cumsum(arrays.pop("block_steps"))
         return [
             {name: array[start:end] for name, array in arrays.items()}
@@ -50,17 +50,17 @@ class ChainStore:
         """All blocks on disk, in order."""
         # A kill between the rename and the removal of the journal leaves blocks in both; a last block that was too short
         # for a longer run is written again. The later entry counts.
-        found = dict(enumerate(self._finished))
+        blocks = dict(enumerate(self._finished))
         for block in self._journal:
-            found[int(block.pop("index"))] = block
-        return [found[i] for i in sorted(found)]
+            blocks[int(block.pop("index"))] = block
+        return [blocks[i] for i in sorted(blocks)]
 
     def append(self, index: int, block: Mapping[str, np.ndarray]) -> None:
-        """Put one block on disk."""
+        """Store one block on disk."""
         self._journal.append({"index": np.array(index), **block})
 
     def finish(self) -> None:
-        """Put all blocks together into the HDF5 file and remove the journal."""
+        """Merge all blocks into the HDF5 file and remove the journal."""
         import h5py
 
         blocks = self.blocks()

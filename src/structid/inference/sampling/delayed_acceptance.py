@@ -1,4 +1,4 @@
-"""Delayed acceptance: a surrogate makes long proposals, and each is accepted or refused by one run of the model itself.
+"""Delayed acceptance: a surrogate makes long proposals, each accepted or rejected by one run of the model itself.
 
 J. A. Christen & C. Fox (2005), "Markov chain Monte Carlo using an approximation", doi 10.1198/106186005X76983; several steps of
 the approximation as one proposal: J. S. Liu (2001), "Monte Carlo Strategies in Scientific Computing", §9.4.3. The draws are
@@ -26,13 +26,13 @@ from structid.inference.target import Target
 from structid.models.base import Model
 
 START_TRIES = 5
-"""Rounds of searching for starting points at which the model itself has a finite density."""
+"""Rounds of searching for starting points with a finite density of the model itself."""
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
-"""Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
+"""Second-stage acceptance above which sub-chains are doubled, and below which they are halved."""
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
-"""Interval [steps] of plain moves, without which walkers to which the surrogate gives too little density would never leave."""
+"""Interval of plain moves [steps], without which walkers with too little density under the surrogate would never leave."""
 DECORRELATED = 0.2
-"""Correlation between a sub-chain's ends below which a longer one gains little. With 128 walkers it is known to 0.1."""
+"""Correlation between a sub-chain's ends below which a longer one gains little; with 128 walkers its error is 0.1."""
 
 
 @check_arguments
@@ -142,15 +142,15 @@ class DelayedAcceptance(Sampler):
         dict
             For hashes; more steps continue the same chain.
         """
-        said = {
+        settings = {
             f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("approximation", "steps", "discard")
         }
         approximation = "" if self.approximation is None else self.approximation.content_hash
-        return {"kind": "delayed_acceptance", "approximation": approximation, **said}
+        return {"kind": "delayed_acceptance", "approximation": approximation, **settings}
 
     @property
     def in_words(self) -> str:
-        """The settings in a line, for a report."""
+        """The settings in one line, for a report."""
         return (
             f"delayed acceptance, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, "
             f"{self.discard:.0%} discarded: the model itself decides on every step"
@@ -227,11 +227,11 @@ class DelayedAcceptance(Sampler):
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
     def _moves(self, law: IndependenceLaw | None = None) -> Moves:
-        """Which moves, with a law for those that are independent."""
+        """The moves, with a distribution for independent proposals."""
         return Moves(self.stretch, self.differential_evolution, self.independent, law)
 
     def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw | None:
-        """Law of all walkers in the later half of the tuning steps, many more than rest in one ensemble. It then stays fixed.
+        """Distribution of all walkers in the later half of the tuning steps; it then stays fixed.
 
         None before the first step, since walkers may start anywhere.
         """
@@ -260,30 +260,30 @@ class DelayedAcceptance(Sampler):
     def _start(
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
     ) -> tuple[TwoStageState, int, int]:
-        """Starting points at which both densities are finite; true runs they took, and how many failed."""
+        """Starting points at which both densities are finite, with the number of model runs and of failures."""
         rng = stream(seed, Purpose.DELAYED_ACCEPTANCE_START, 0)
         if points is None:
             candidates = tempered_draws(proposing, seed)
         else:
             candidates = target.bijection.inverse(np.asarray(points, dtype=np.float64))
-        wanted = self.ensembles * self.walkers
+        required = self.ensembles * self.walkers
         phi, log_density = np.empty((0, target.dimension)), np.empty(0)
         runs = failed_runs = 0
         for _ in range(START_TRIES):
-            fresh = candidates[rng.integers(len(candidates), size=wanted - len(phi))]
+            fresh = candidates[rng.integers(len(candidates), size=required - len(phi))]
             value, failed = target.evaluate(fresh)
             runs, failed_runs = runs + len(fresh), failed_runs + int(failed.sum())
             # Where the surrogate gives no density, no proposal could ever be accepted.
             good = np.isfinite(value) & np.isfinite(proposing.evaluate(fresh)[0])
             phi, log_density = np.concatenate([phi, fresh[good]]), np.concatenate([log_density, value[good]])
-            if len(phi) >= wanted:
+            if len(phi) >= required:
                 break
         else:
             raise ConvergenceError(
                 f"Only {len(phi)} of {runs} points of the surrogate's posterior have a density under the model itself "
                 f"({failed_runs} simulations failed). Do more true runs there: structid.calibrate does."
             )
-        phi, log_density = phi[:wanted], log_density[:wanted]
+        phi, log_density = phi[:required], log_density[:required]
         shape = (self.ensembles, self.walkers)
         log_surrogate = proposing.evaluate(phi)[0].reshape(shape)
         return TwoStageState(phi.reshape(*shape, -1), log_density.reshape(shape), log_surrogate), runs, failed_runs
@@ -299,7 +299,7 @@ class DelayedAcceptance(Sampler):
         tuning: bool,
         rng: np.random.Generator,
     ) -> Block:
-        """Move one half of every ensemble, then the other: a sub-chain and a true run for each walker."""
+        """Move one half of every ensemble, then the other: a sub-chain and a model run for each walker."""
         before, state = state.phi, state.copied()
         phi, log_density, log_surrogate = state
         ends = phi.copy()
@@ -314,13 +314,13 @@ class DelayedAcceptance(Sampler):
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
             # From a point where the surrogate gives no density, nothing can be accepted.
-            moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
-            proposals += int(moved.sum())
-            new_true, count, failed = _true_density(target, proposal, moved)
+            has_moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
+            proposals += int(has_moved.sum())
+            new_true, count, failed = _true_density(target, proposal, has_moved)
             true_runs, failed_runs = true_runs + count, failed_runs + failed
             # min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}
             log_now, log_then = log_density[:, moving] + value, new_true + log_surrogate[:, moving]
-            better = moved & (np.log(rng.random(value.shape)) + log_now < log_then)
+            better = has_moved & (np.log(rng.random(value.shape)) + log_now < log_then)
             phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
             log_surrogate[:, moving][better] = value[better]
             accepted[:, moving] = better
@@ -343,7 +343,7 @@ class DelayedAcceptance(Sampler):
         plain_every: int,
         rng: np.random.Generator,
     ) -> Block:
-        """The same by a single ensemble move, without the surrogate."""
+        """Make a single ensemble move without the surrogate."""
         # A law learnt under a poor surrogate does not approximate the posterior; one fitted to the resting half always does.
         state, moves = state.copied(), self._moves()
         accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
@@ -356,7 +356,7 @@ class DelayedAcceptance(Sampler):
         return _block(state, accepted, accepted.size, failed_runs, accepted.size, 0, length, length, plain_every)
 
     def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:
-        """L of the next step: longer while most proposals are accepted and still resemble where they began."""
+        """Length L of the next sub-chain: longer while most proposals are accepted and still correlate with their start."""
         if acceptance < POOR_ACCEPTANCE:
             return max(1, length // 2)
         if acceptance > GOOD_ACCEPTANCE and correlation(before, ends) > DECORRELATED:
@@ -365,7 +365,7 @@ class DelayedAcceptance(Sampler):
 
 
 class TwoStageState(NamedTuple):
-    """Where every walker is, and both log densities there."""
+    """Positions of all walkers, and both log densities there."""
 
     phi: Float[np.ndarray, "ensemble walker parameter"]  # Unconstrained coordinates
     # Log densities under the model itself and under the surrogate, with respect to φ
@@ -389,7 +389,7 @@ class TwoStageState(NamedTuple):
         return EnsembleState(self.phi, self.log_surrogate)
 
     def copied(self) -> TwoStageState:
-        """The same in arrays of its own."""
+        """A deep copy."""
         return TwoStageState(self.phi.copy(), self.log_density.copy(), self.log_surrogate.copy())
 
 
@@ -419,11 +419,11 @@ def _block(
     }
 
 
-def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
-    density = np.full(moved.shape, -np.inf)
+def _true_density(target: Target, proposal: np.ndarray, has_moved: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """Log density under the model itself where a sub-chain has moved, with the number of runs and of failures."""
+    density = np.full(has_moved.shape, -np.inf)
     # An external solver is spared runs of sub-chains that went nowhere. A built-in one keeps the batches that it is compiled for.
-    rows = moved if target.costs_runs else np.ones_like(moved)
+    rows = has_moved if target.costs_runs else np.ones_like(has_moved)
     if not rows.any():
         return density, 0, 0
     density[rows], failed = target.evaluate(proposal[rows])

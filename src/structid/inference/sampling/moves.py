@@ -1,4 +1,4 @@
-"""Moves of an ensemble's walkers: half of them move, and look at the other half, which rests.
+"""Moves of an ensemble's walkers: one half moves, guided by the other half, which rests.
 
 J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
 doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1; independence
@@ -18,25 +18,26 @@ from jaxtyping import Float
 from structid.inference.target import Target
 
 DEGREES_OF_FREEDOM = 10.0
-"""Of the laws that an independence move draws from. Their tails are heavier than a Gaussian's, to reach far walkers too."""
+"""Degrees of freedom of the Student-t proposals. Their tails are heavier than a Gaussian's, to reach far walkers."""
 LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
-"""For each of these laws: the share of the walkers, those of highest density, it is fitted to, and its share of the moves."""
+"""For each component: the fraction of the walkers, those of highest density, to which it is fitted, and its fraction of the
+moves."""
 Kind = Literal["independent", "differential evolution", "stretch"]
-"""Kind of a move: all moving walkers make the same one."""
+"""Kind of a move; all moving walkers make the same one."""
 
 
 class EnsembleState(NamedTuple):
     """Positions of all walkers, or of one half of them."""
 
     phi: Float[np.ndarray, "ensemble walker parameter"]  # Unconstrained coordinates
-    log_density: Float[np.ndarray, "ensemble walker"]  # Log of the density that is sampled, there
+    log_density: Float[np.ndarray, "ensemble walker"]  # log of the sampled density there
 
     def part(self, walkers: slice) -> EnsembleState:
-        """Some walkers of every ensemble; what is changed in them is changed here."""
+        """Selected walkers of every ensemble, as a view."""
         return EnsembleState(self.phi[:, walkers], self.log_density[:, walkers])
 
     def copied(self) -> EnsembleState:
-        """The same in arrays of its own."""
+        """A deep copy."""
         return EnsembleState(self.phi.copy(), self.log_density.copy())
 
 
@@ -54,9 +55,8 @@ def stretch_proposal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stretch move.
 
-    x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with
-    min{1, Z^(d−1) π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
-    belongs to.)
+    x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with min{1, Z^(d−1)
+    π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], to which its acceptance [2.33] does not belong.)
     """
     ensembles, walkers, dimension = moving.shape
     # Inverse of the cdf of g: √z is uniform between 1/√a and √a.
@@ -74,7 +74,8 @@ def differential_proposal(
     """Differential-evolution move.
 
     x* = x_i + γ (x_j − x_k) with two different walkers of the resting half. γ is 2.38/√(2d), or 1 in a tenth of the moves (which
-    jumps between modes), and is varied by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
+    jumps between modes), and is varied by 5 %. The distribution of γ does not depend on the walkers, so that the move is
+    symmetric.
     """
     ensembles, walkers, dimension = moving.shape
     count = resting.shape[1]
@@ -87,32 +88,32 @@ def differential_proposal(
 
 
 class IndependenceLaw(NamedTuple):
-    """A mixture of Student laws from which independence moves are drawn.
+    """A mixture of Student-t distributions from which independence moves are drawn.
 
-    Each has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of those of
-    highest density, as `LAYERS` says. Where a narrow peak rises out of a wide slope, the law of all walkers hardly ever proposes
-    the peak, and walkers in it would not leave.
+    Each component has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of
+    those of highest density, according to `LAYERS`. Where a narrow peak rises from a wide slope, the distribution of all walkers
+    hardly ever proposes the peak, and walkers in it would not leave.
     """
 
-    middle: Float[np.ndarray, "ensemble layer parameter"]  # Where each layer is
+    middle: Float[np.ndarray, "ensemble layer parameter"]  # centre of each component
     factor: Float[np.ndarray, "ensemble layer parameter parameter"]  # Cholesky factor of its covariance
-    share: Float[np.ndarray, " layer"]  # Its share of the moves
+    share: Float[np.ndarray, " layer"]  # its fraction of the moves
 
     @classmethod
     def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
-        """Fit a law to some walkers, a separate one for each ensemble."""
+        """Fit a distribution to walkers, separately for each ensemble."""
         sizes = _layers(*walkers.phi.shape[1:])
         middle, factor = _layered(walkers, list(sizes))
         return cls(middle, factor, np.array(list(sizes.values())))
 
     def shared_by(self, ensembles: int) -> IndependenceLaw:
-        """The law of a single ensemble, for several."""
+        """The distribution of a single ensemble, for several."""
         return self._replace(
             middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
         )
 
     def draw(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "ensemble count parameter"]:
-        """Draw from the law of every ensemble."""
+        """Draw from the distribution of every ensemble."""
         ensembles, layers, dimension = self.middle.shape
         layer = rng.choice(layers, p=self.share, size=(ensembles, count))
         ensemble = np.arange(ensembles)[:, None]
@@ -133,7 +134,7 @@ class IndependenceLaw(NamedTuple):
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:
-    """Number of walkers that each law of `LAYERS` is fitted to, those of highest density, and its share of the moves."""
+    """Number of walkers, those of highest density, for each component of `LAYERS`, and its fraction of the moves."""
     sizes: dict[int, float] = {}
     for densest, share in LAYERS:
         # A covariance needs four walkers for each dimension or more. With few walkers several layers become one.
@@ -156,8 +157,8 @@ def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.n
         covariances.append(away.swapaxes(1, 2) @ away / size)
     covariance = np.stack(covariances, axis=1)
     # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
-    own = np.einsum("elii->eli", covariance)
-    width = 1e-9 * np.where(own > 0.0, own, 1.0)
+    diagonal = np.einsum("elii->eli", covariance)
+    width = 1e-9 * np.where(diagonal > 0.0, diagonal, 1.0)
     return np.stack(middles, axis=1), np.linalg.cholesky(covariance + width[..., None] * np.eye(ordered.shape[2]))
 
 
@@ -166,8 +167,8 @@ def independent_proposal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
-    x* is drawn from a law q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An accepted
-    walker has forgotten where it came from.
+    x* is drawn from a distribution q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An
+    accepted walker has forgotten its previous position.
     """
     proposal = law.draw(rng, moving.shape[1])
     return proposal, law.log_density(moving) - law.log_density(proposal)
@@ -175,7 +176,7 @@ def independent_proposal(
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """Which moves walkers make."""
+    """Mixture of the walkers' moves."""
 
     stretch: float  # a of the stretch move
     differential_evolution: float  # Fraction of differential-evolution moves among those that are not independent
@@ -190,7 +191,7 @@ class Moves:
         return "differential evolution" if rng.random() < self.differential_evolution else "stretch"
 
     def there_and_back(self, rng: np.random.Generator, count: int) -> list[Kind]:
-        """Draw the kinds of several moves that are reversible together, as each is alone.
+        """Draw the kinds of several moves whose sequence is reversible.
 
         If two moves are each reversible, P_a P_b is not, but P_a P_b P_a and P_a P_b P_b P_a are.
         """
@@ -204,7 +205,7 @@ class Moves:
         moving: Float[np.ndarray, "ensemble walker parameter"],
         resting: EnsembleState,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Propose a place for every walker of a half."""
+        """Propose a new position for every walker of a half."""
         if kind == "independent":
             return independent_proposal(rng, moving, IndependenceLaw.fitted(resting) if self.law is None else self.law)
         if kind == "differential evolution":

@@ -36,7 +36,7 @@ START_TRIES = 20
 """Rounds of drawing starting points of finite density."""
 
 LEAPFROGS = 12
-"""Of a trajectory, on usual posteriors."""
+"""Leapfrog steps of a trajectory on typical posteriors."""
 
 
 @check_arguments
@@ -89,7 +89,7 @@ class NUTS(Sampler):
 
     @property
     def walkers(self) -> int:
-        """One: chains are independent of one another."""
+        """One, since chains are independent."""
         return 1
 
     def describe(self) -> dict[str, float | str]:
@@ -119,7 +119,7 @@ class NUTS(Sampler):
 
     @property
     def in_words(self) -> str:
-        """The settings in a line, for a report."""
+        """The settings in one line, for a report."""
         return f"NUTS, {self.chains} chains × {self.steps} draws after {self.warm_up} of warm-up, dense mass matrix"
 
     def run(
@@ -198,19 +198,19 @@ class NUTS(Sampler):
 
 
 def _covariance(points: np.ndarray) -> np.ndarray:
-    """Of points (point, parameter); never singular."""
+    """Covariance of points (point, parameter), never singular."""
     covariance = np.atleast_2d(np.cov(points.T))
     return covariance + 1e-9 * np.diag(np.maximum(np.diag(covariance), 1e-12))
 
 
 @functools.lru_cache(maxsize=2)
 def _kernels(target: Target, settings: NUTS) -> _Kernels:
-    """The same for every run on one target, however long: going on with a chain compiles nothing again."""
+    """Compiled kernels of one target, shared by all runs on it: continuing a chain compiles nothing again."""
     return _Kernels(target, settings)
 
 
 class _Kernels:
-    """BlackJAX's warm-up and transition for one target, the chains shared out over the devices."""
+    """BlackJAX's warm-up and transition for one target, with the chains distributed over the devices."""
 
     def __init__(self, target: Target, settings: NUTS) -> None:
         self._function, self._data = target.traceable()
@@ -234,7 +234,7 @@ class _Kernels:
         }
 
     def drawn(self, phi: np.ndarray, tuned: Block, length: int, rng: np.random.Generator) -> Block:
-        """Draws of every chain from where it is, as a block."""
+        """Draws of every chain from its current position, as a block."""
         chains = len(phi)
         advance = self._over_chains(("draws", length), lambda *a: self._draws(length, *a))
         positions, density, divergent = advance(
@@ -252,7 +252,7 @@ class _Kernels:
         }
 
     def _density(self, data: Any) -> Callable[[Any], Any]:
-        """The log density of one point; its gradient by forward mode, since parameters are few and histories long."""
+        """The log density of one point; forward-mode gradient, since parameters are few and histories long."""
 
         def plain(phi: Any) -> Any:
             return self._function(phi[None], data)[0]
@@ -265,17 +265,17 @@ class _Kernels:
 
         density: Any = jax.custom_vjp(plain)
         density.defvjp(forward, lambda gradient, cotangent: (cotangent * gradient,))
-        found: Callable[[Any], Any] = density
-        return found
+        result: Callable[[Any], Any] = density
+        return result
 
     def _over_chains(self, name: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """Compile once; `function` takes one chain's key and arrays, and the data."""
         if name not in self._compiled:
 
             def some_chains(which: Any, *arrays: Any) -> Any:
-                *own, data = arrays
+                *chain_arrays, data = arrays
                 rows = which.astype(int)
-                return jax.vmap(lambda *a: function(*a, data))(*(jnp.asarray(a)[rows] for a in own))
+                return jax.vmap(lambda *a: function(*a, data))(*(jnp.asarray(a)[rows] for a in chain_arrays))
 
             self._compiled[name] = over_runs(some_chains)
         return self._compiled[name]
@@ -307,5 +307,5 @@ class _Kernels:
 
 
 def _keys(rng: np.random.Generator, chains: int) -> np.ndarray:
-    """JAX's random keys, one for each chain, as numbers."""
+    """JAX random keys, one per chain, as numbers."""
     return rng.integers(2**32, size=(chains, 2), dtype=np.uint32)

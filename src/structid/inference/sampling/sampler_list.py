@@ -1,4 +1,4 @@
-"""Every sampler there is. A new one is a file with its settings and a line here."""
+"""All samplers. A new one is a file with its settings and a line here."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SamplerKind:
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Keys of a study file that it understands, and their types."""
+        """Its study-file keys and their types."""
         hints = get_type_hints(self.settings)
         return {f.name: hints[f.name] for f in fields(self.settings) if f.name not in self.hidden}
 

@@ -22,30 +22,30 @@ class InCoordinates(Target):
 
     @property
     def knows_prior(self) -> bool:
-        """Whether the density knows its own."""
+        """Whether the density can evaluate its prior separately."""
         return self.density.knows_prior
 
     @property
     def costs_runs(self) -> bool:
-        """Whether each of the density's evaluations is a run of an expensive solver."""
+        """Whether each evaluation is a run of an expensive solver."""
         return self.density.costs_runs
 
     def _own(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The density's own coordinates φ′, NaN outside its support, and log |dφ′/dφ|."""
         theta, jacobian = self.bijection(phi)
-        own = self.density.bijection.inverse(theta)
-        return own, jacobian - self.density.bijection(own)[1]
+        own_phi = self.density.bijection.inverse(theta)
+        return own_phi, jacobian - self.density.bijection(own_phi)[1]
 
     def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Log density; see `Target.evaluate`."""
-        own, jacobian = self._own(phi)
-        value, failed = self.density.evaluate(own)
+        own_phi, jacobian = self._own(phi)
+        value, failed = self.density.evaluate(own_phi)
         return _or_none(value + jacobian), failed
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood; see `Target.evaluate_parts`."""
-        own, jacobian = self._own(phi)
-        prior, likelihood, failed = self.density.evaluate_parts(own)
+        own_phi, jacobian = self._own(phi)
+        prior, likelihood, failed = self.density.evaluate_parts(own_phi)
         return _or_none(prior + jacobian), _or_none(likelihood), failed
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
@@ -59,10 +59,12 @@ class InCoordinates(Target):
     @property
     def content_hash(self) -> str:
         """Hash of the density and of the coordinates."""
-        own = self.bijection
-        return digest(self.density.content_hash, own.bounds, own.scales, own.scatters, own.logarithmic)
+        bijection = self.bijection
+        return digest(
+            self.density.content_hash, bijection.bounds, bijection.scales, bijection.scatters, bijection.logarithmic
+        )
 
 
 def _or_none(log_density: np.ndarray) -> np.ndarray:
-    """The same with no density, −inf, where it is not defined."""
+    """The same with −inf where it is undefined."""
     return np.where(np.isnan(log_density), -np.inf, log_density)

@@ -1,4 +1,4 @@
-"""What a recorded history shows by itself: an offset, a gap of zeros, a range that was too small, a column of times."""
+"""Faults that a recorded history shows by itself: an offset, a gap of zeros, clipping, a column of times."""
 
 from __future__ import annotations
 
@@ -13,63 +13,63 @@ from structid.ground_motion.excitation import Excitation
 from structid.observation import Observation
 
 OFFSET = 2.0
-"""Mean of a measurement over its standard deviation, beyond which it is likely to have an offset."""
+"""Ratio of mean to standard deviation above which a measurement probably has an offset."""
 
 OFFSET_OF_RATES = 0.5
-"""The same for velocities and accelerations, whose mean over a record is nearly zero for a structure that stays where it is."""
+"""The same for velocities and accelerations, whose mean is nearly zero for a structure that stays in place."""
 
 RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
-"""Such channels."""
+"""Channels that are velocities or accelerations."""
 
 OFFSET_AT_REST = 0.02
-"""The same of its mean before anything moves, over its peak: a zero that was not taken."""
+"""Ratio of the mean before any motion to the peak that indicates an uncorrected zero."""
 
 QUIET = 0.01
-"""Share of its peak below which a record has not begun."""
+"""Fraction of its peak below which a record has not begun."""
 
 STANDARD_ERRORS = 5.0
-"""Of a mean at rest, beyond which it is not the noise."""
+"""Standard errors above which a mean at rest is not noise."""
 
 SHORTEST_REST = 0.5
-"""Time before a record begins [s] that says what an instrument shows at rest."""
+"""Minimum time before a record begins [s] for an estimate at rest."""
 
 SHORTEST_GAP = 1.0
-"""Time in exact zeros [s] that no sensor shows by itself while it moves."""
+"""Duration of exact zeros [s] that a working sensor does not show during motion."""
 
 MOVING = 0.1
-"""Share of its peak that a history reaches within `SHORTEST_GAP` of a gap. After a quiet end, zeros are no gap."""
+"""Fraction of its peak that a history reaches within `SHORTEST_GAP` of a gap. Zeros after a quiet end are no gap."""
 
 STRAIGHT = 1e-4
-"""Largest distance from a straight line, in parts of the range, of what is no measurement."""
+"""Largest relative distance from a straight line of something that is no measurement."""
 
 FEWEST = 20
-"""Samples that a statement needs."""
+"""Minimum number of samples."""
 
 CLIPPED = 3
-"""Samples in a row at the extreme value that make a flat top, and steps of the resolution by which a history rises to it."""
+"""Consecutive samples at the extreme that make a flat top, and resolution steps by which the history rises to it."""
 
 ONE_SIDED = 0.5
-"""Share of the peak that an extreme value reaches, if it may be the end of a range and not the zero of a history of one sign."""
+"""Fraction of the peak that an extreme must reach to be the end of a range, not the zero of a one-sided history."""
 
 
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
-    """Ask about what the measured histories show by themselves, without a model."""
-    asked = []
+    """Questions about what the measured histories show by themselves, without a model."""
+    questions = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
         unit = units[channel].display
-        found = [_constant(channel, values, unit) or _straight(channel, values)]
-        if not found[0]:
-            found += [
+        problems = [_constant(channel, values, unit) or _straight(channel, values)]
+        if not problems[0]:
+            problems += [
                 _offset(channel, values, unit, observation),
                 gap(f"measured {channel}", values, observation.record.dt),
                 clipped(f"measured {channel}", values, unit),
             ]
-        asked += [sentence for sentence in found if sentence]
-    return asked
+        questions += [sentence for sentence in problems if sentence]
+    return questions
 
 
 def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
-    """Ask about a second of exact zeros amid motion."""
+    """Question about exact zeros during motion."""
     near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
     peak = np.abs(values).max()
     for begin, end in _stretches(values == 0.0):
@@ -83,7 +83,7 @@ def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
 
 
 def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
-    """Ask about flat tops at the largest or the smallest value, which a range that is too small cuts."""
+    """Question about flat tops at an extreme, as a range that is too small causes."""
     steps = np.abs(np.diff(values))
     if not steps.any():
         return ""
@@ -110,14 +110,14 @@ def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
 
 
 def _constant(channel: str, values: np.ndarray, unit: str) -> str:
-    """A history that never changes is of no sensor that works."""
+    """Question about a constant history, which a working sensor does not produce."""
     if len(values) < FEWEST or np.ptp(values) > 0.0:
         return ""
     return f"The measured {channel} is {values[0] / factor(unit):.3g} {unit} throughout. Was the sensor dead?"
 
 
 def _straight(channel: str, values: np.ndarray) -> str:
-    """A straight line is no response."""
+    """Question about a straight line, which is no response."""
     times = np.arange(len(values))
     if len(values) < FEWEST:
         return ""
@@ -131,7 +131,7 @@ def _straight(channel: str, values: np.ndarray) -> str:
 
 
 def _offset(channel: str, values: np.ndarray, unit: str, observation: Observation) -> str:
-    """A mean that is large beside the motion, or that is there before anything moves."""
+    """Question about a mean that is large relative to the motion, or present before it."""
     if observation.offset is not None:
         return ""
     mean, spread = float(values.mean()), float(values.std())
@@ -156,12 +156,12 @@ def _offset(channel: str, values: np.ndarray, unit: str, observation: Observatio
 
 
 def _begin(record: Excitation) -> int:
-    """Samples before an excitation first reaches a share of its peak; 0 for one that is zero everywhere."""
+    """Samples before an excitation first reaches a fraction of its peak; 0 for one that is zero everywhere."""
     size = np.abs(record.values)
     return int(np.argmax(size > QUIET * size.max())) if size.any() else 0
 
 
 def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
-    """Begin and end (exclusive) of each stretch of true values."""
+    """Start and end (exclusive) of each stretch of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

@@ -1,4 +1,4 @@
-"""One posterior under many simulated measurements, evaluated side by side."""
+"""One posterior under many simulated measurements, evaluated together."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from structid.models.traceable import TracedExcitation
 
 
 class ReplicatedPosterior(Target):
-    """The posteriors of many measurements side by side: points come replica by replica, equally many for each."""
+    """Posteriors of many measurements together: points are ordered by replica, equally many for each."""
 
     def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
         self.names, self.bijection = posterior.names, posterior.bijection
@@ -37,7 +37,7 @@ class ReplicatedPosterior(Target):
 
     @cached_property
     def _measured(self) -> tuple[Measured, ...]:
-        """What the likelihood takes from each observation in all replicas."""
+        """Data of each observation in all replicas."""
         bounds = self._posterior.likelihood.of
         return tuple(bound.measured_as(values) for bound, values in zip(bounds, self._values, strict=True))
 
@@ -45,16 +45,16 @@ class ReplicatedPosterior(Target):
     def _compiled(self) -> Callable[..., Any]:
         def parts(phi_and_replica: Any, data: tuple[Measured, ...]) -> tuple[Any, Any, Any]:
             phi, replica = phi_and_replica[:, :-1], phi_and_replica[:, -1].astype(int)
-            own = tuple(measured.for_runs(replica) for measured in data)
-            return self._posterior.parts_in_coordinates(phi, own)
+            replicas = tuple(measured.for_runs(replica) for measured in data)
+            return self._posterior.parts_in_coordinates(phi, replicas)
 
         return over_runs(parts, shard=self._posterior.likelihood.loops_over_time)
 
     @cached_property
     def _in_lanes(self) -> Callable[..., Any] | None:
-        """The density in compiled lanes, the measurements of a run its signals; None where that cannot be.
+        """The density in compiled lanes, with the measurements as signals; None where impossible.
 
-        A shorter way to the likelihood than a loop over time takes the measurements in another form.
+        A shortcut to the likelihood takes the measurements in another form than a loop over time.
         """
         posterior = self._posterior
         if not (posterior.model.traceable and posterior.likelihood.loops_over_time and len(self._values) == 1):
@@ -69,16 +69,16 @@ class ReplicatedPosterior(Target):
         return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), measured.values.shape[:2])
 
     def _replicas(self, runs: int) -> np.ndarray:
-        """Replica of each of so many runs."""
+        """Replica of each of a number of runs."""
         return np.repeat(np.arange(self._count), runs // self._count)
 
     def _signals(self, runs: int) -> list[tuple[slice, Signals]]:
-        """Batches of so many runs, replica by replica, and what each of these measured. Those of one number of runs are kept."""
+        """Batches of runs, ordered by replica, with their measurements; cached by number of runs."""
         if self._kept_signals is None or self._kept_signals[0] != runs:
-            own = self._measured[0].values.transpose(2, 0, 1)
+            measured_values = self._measured[0].values.transpose(2, 0, 1)
             batches = [slice(start, start + LARGEST_BATCH) for start in range(0, runs, LARGEST_BATCH)]
             replica = self._replicas(runs)
-            self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]
+            self._kept_signals = runs, [(batch, Signals(measured_values, replica[batch])) for batch in batches]
         return self._kept_signals[1]
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,8 +95,8 @@ class ReplicatedPosterior(Target):
             return prior, likelihood, failed
         theta, jacobian = self.bijection(phi)
         prior = self._posterior.space.log_density(theta)
-        own = [values[:, :, replica] for values in self._values]
-        likelihood, failed = self._posterior.likelihood.on_host(theta, np.isfinite(prior), own)
+        values_of_replicas = [values[:, :, replica] for values in self._values]
+        likelihood, failed = self._posterior.likelihood.on_host(theta, np.isfinite(prior), values_of_replicas)
         return prior + jacobian, likelihood, failed
 
     def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:

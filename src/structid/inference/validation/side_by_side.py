@@ -1,4 +1,4 @@
-"""Model and measurement side by side: a wrong unit, a reversed sign or a late clock shows before any long run."""
+"""Comparison of model and measurement before any long run, which reveals wrong units, reversed signs and late clocks."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from structid.inference.prediction.best_prediction import comparable
 from structid.observation import Observation
 
 OUT_OF_TUNE = 3.0
-"""The same of main frequencies: nine times the stiffness, or the mass."""
+"""Ratio of main frequencies that is suspicious: nine times the stiffness, or the mass."""
 
 SHARED = 0.1
-"""Share of its largest amplitude that a spectrum has near the other's main frequency, if both have modes in common."""
+"""Amplitude near the other's main frequency, relative to a spectrum's largest, that indicates a common mode."""
 
 FEWEST_CYCLES = 3
-"""In the whole history, below which it is no vibration but a drift, such as that to a residual displacement."""
+"""Minimum number of cycles in the history; fewer are a drift, such as that to a residual displacement."""
 
 NEAR = 0.2
-"""Half the width of what is near a frequency, in parts of it."""
+"""Relative half-width of the neighbourhood of a frequency."""
 
 OPPOSITE = -0.6
-"""Correlation of model and measurement, below which a sign is likely to be reversed."""
+"""Correlation of model and measurement below which a sign is probably reversed."""
 
 ALIKE, UNLIKE = 0.7, 0.5
-"""Correlation after a shift in time above which it is likely to be real, if without it there is less than this share of it."""
+"""Correlation after a time shift above which the shift is probably real, if without it less than this fraction remains."""
 
 
 @dataclass(frozen=True, eq=False)
 class SideBySide:
-    """One channel of a response as the model has it, and as it was measured."""
+    """One channel of a response, modelled and measured."""
 
-    channel: str  # Its name and display unit
-    unit: str  # Its name and display unit
-    modelled: Float[np.ndarray, " time"]  # Both histories, in SI, the first one as the instrument would show it
-    measured: Float[np.ndarray, " time"]  # Both histories, in SI, the first one as the instrument would show it
-    observation: Observation  # That it was measured in
+    channel: str  # name of the channel
+    unit: str  # display unit
+    modelled: Float[np.ndarray, " time"]  # modelled history in SI, as the instrument would show it
+    measured: Float[np.ndarray, " time"]  # measured history in SI
+    observation: Observation  # the observation
 
     @classmethod
     def of(
         cls, response: Mapping[str, np.ndarray], units: Mapping[str, ChannelUnit], observation: Observation
     ) -> tuple[SideBySide, ...]:
-        """Put a response beside an observation, channel by channel."""
+        """Pair a response with an observation, channel by channel."""
         gain = 1.0 if observation.gain is None else float(observation.gain.quantile(np.array([0.5]))[0])
         return tuple(
             cls(channel, units[channel].display, gain * response[channel], observation.values[:, i], observation)
@@ -57,7 +57,7 @@ class SideBySide:
 
     @property
     def record(self) -> Excitation:
-        """What drove both."""
+        """The common excitation."""
         return self.observation.record
 
     @property
@@ -70,7 +70,7 @@ class SideBySide:
 
     @property
     def sentence(self) -> str:
-        """Peaks and main frequencies of both, after an article."""
+        """Peaks and main frequencies of both, to follow an article."""
         shown = [
             f"{peak / factor(self.unit):.3g} {self.unit} (mainly at {frequency:.2g} Hz)"
             for peak, frequency in zip(self._peaks, self._frequencies, strict=True)
@@ -79,14 +79,14 @@ class SideBySide:
 
     @property
     def questions(self) -> dict[str, str]:
-        """What does not fit, a sentence for each kind: size, frequency, sign, clock."""
-        asked = {
+        """What does not fit, one sentence each for size, frequency, sign and clock."""
+        questions = {
             "size": self._of_size,
             "frequency": self._of_frequency,
             "sign": self._of_sign,
             "clock": self._of_clock,
         }
-        return {kind: sentence for kind, sentence in asked.items() if sentence}
+        return {kind: sentence for kind, sentence in questions.items() if sentence}
 
     @property
     def _of_size(self) -> str:
@@ -99,7 +99,7 @@ class SideBySide:
 
     @property
     def _of_frequency(self) -> str:
-        """Whether the main frequencies differ, and neither is one of the other's: a drift and a higher mode are in both."""
+        """Whether the main frequencies differ and neither spectrum contains the other's."""
         modelled, measured = self._frequencies
         low, high = sorted((modelled, measured))
         if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
@@ -123,7 +123,7 @@ class SideBySide:
 
     @property
     def _together(self) -> float:
-        """Correlation of both; 0 where one rests."""
+        """Correlation of both; 0 where one is at rest."""
         moving = bool(self.measured.std() and self.modelled.std())
         return float(np.corrcoef(self.modelled, self.measured)[0, 1]) if moving else 0.0
 
@@ -139,7 +139,7 @@ class SideBySide:
 
     @property
     def _of_clock(self) -> str:
-        """Whether model and measurement are alike after a shift in time, and not without; a reversed sign is no shift."""
+        """Whether model and measurement agree only after a time shift; a reversed sign is no shift."""
         if self._together < OPPOSITE:
             return ""
         shift, shifted, together = _best_shift(self.modelled, self.measured)
@@ -155,7 +155,7 @@ class SideBySide:
 
 
 def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float, float]:
-    """Samples by which the measurement is late where both are most alike, their correlation there, and without a shift."""
+    """Delay of the measurement [samples] for the largest correlation, that correlation, and the correlation without a shift."""
     first, second = (values - values.mean() for values in (modelled, measured))
     norm = np.linalg.norm(first) * np.linalg.norm(second)
     if norm == 0.0:
@@ -172,7 +172,7 @@ def _spectrum(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _main_frequency(values: np.ndarray, dt: float) -> float:
-    """Where the amplitude spectrum is largest [Hz]; where that is a drift, the spectrum of the rate, in which a drift is small."""
+    """Frequency of the largest amplitude [Hz]; where that is a drift, from the spectrum of the rate."""
     frequencies, amplitude = _spectrum(values, dt)
     largest = int(np.argmax(amplitude))
     if largest < FEWEST_CYCLES:
@@ -181,7 +181,7 @@ def _main_frequency(values: np.ndarray, dt: float) -> float:
 
 
 def _share_near(values: np.ndarray, dt: float, frequency: float) -> float:
-    """Largest amplitude near a frequency [Hz] over the largest of all; 0 for a history that rests."""
+    """Largest amplitude near a frequency [Hz] relative to the largest of all; 0 for a history at rest."""
     frequencies, amplitude = _spectrum(values, dt)
     near = np.abs(frequencies - frequency) <= max(NEAR * frequency, 1.0 / (dt * len(values)))
     return float(amplitude[near].max() / amplitude.max()) if amplitude.any() else 0.0

@@ -1,4 +1,4 @@
-"""Simulation-based calibration: whether a posterior covers what it says it covers, where the truth is known.
+"""Simulation-based calibration: whether a posterior has its nominal coverage where the truth is known.
 
 Parameters are drawn from the prior, a measurement is simulated with each, and each replica is calibrated. If prior, model,
 likelihood and sampler fit together, the rank of the true parameter among the posterior draws is uniform (S. Talts et al. 2018,
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
-"""A population for each replica; the replicas are tempered side by side."""
+"""Sampler of each replica; the replicas are tempered together."""
 TELLING = 2.5
-"""Standard errors by which ranks must be off to be called shifted, too wide or too narrow."""
+"""Standard errors above which ranks are called shifted, too wide or too narrow."""
 LEVEL = 0.01
-"""Probability that correct ranks are called wrong."""
+"""Probability that correct ranks are rejected."""
 LOG_LIKELIHOOD = "log-likelihood"
 """Name of the last quantity that is ranked."""
 ENOUGH_REPLICAS = 100
 """Fewer replicas reveal only gross mistakes."""
 FEWEST_REPLICAS = 20
-"""Fewer replicas say nothing about a distribution."""
+"""Minimum number of replicas."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ class Ranks(ShownAsText):
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Probability that a right posterior looks as wrong as this, shape (quantity,).
+        """Probability that a correct posterior looks this wrong, shape (quantity,).
 
-        The smallest of four, times four: of the ranks' histogram by χ², of their distribution function by Kolmogorov and Smirnov,
-        and of the numbers of 50 and 90 % intervals that hold the truth, which are binomial.
+        Four times the smallest of four p-values: of the ranks' histogram by χ², of their distribution function by Kolmogorov and
+        Smirnov, and of the numbers of 50 and 90 % intervals that hold the truth, which are binomial.
         """
         count = len(self.truth)
         tests = [scipy.stats.chisquare(self.histogram(self.bins), axis=1).pvalue]
@@ -89,7 +89,7 @@ class Ranks(ShownAsText):
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """Ranks between 0 and 1, jittered within their whole numbers, (replica, quantity)."""
+        """Ranks scaled to [0, 1], jittered within their integers, (replica, quantity)."""
         rng = stream(0, Purpose.RANK_JITTER)
         return np.asarray((self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1))
 
@@ -115,7 +115,7 @@ class Ranks(ShownAsText):
 
     @property
     def uniform(self) -> bool:
-        """Whether ranks and intervals of no quantity are wrong, at the 1 % level over all of them."""
+        """Whether ranks and intervals of all quantities are correct, at the 1 % level over all of them."""
         return bool(self.p_values.min() > LEVEL / len(self.names))
 
     def coverage(self, probability: float) -> Float[np.ndarray, " quantity"]:
@@ -137,7 +137,7 @@ class Ranks(ShownAsText):
 
     @property
     def verdict(self) -> str:
-        """In a sentence."""
+        """The result in a sentence."""
         count, worst = len(self.truth), int(np.argmin(self.p_values))
         p, name = self.p_values[worst], self.names[worst]
         if self.uniform:
@@ -149,7 +149,7 @@ class Ranks(ShownAsText):
                 unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
                 sentence += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
             return sentence
-        of_parameters = [p for own, p in zip(self.names, self.p_values, strict=True) if own != LOG_LIKELIHOOD]
+        of_parameters = [p for quantity, p in zip(self.names, self.p_values, strict=True) if quantity != LOG_LIKELIHOOD]
         if of_parameters and min(of_parameters) <= LEVEL / len(self.names):
             worst = int(np.argmin(of_parameters))  # a parameter says more of what is wrong
             p, name = self.p_values[worst], self.names[worst]
@@ -193,16 +193,16 @@ class Ranks(ShownAsText):
 
 
 def _how_wrong(places: np.ndarray) -> str:
-    """What ranks of the truth, from 0 to 1, say of the posteriors.
+    """Describe how the ranks of the truth deviate from uniform.
 
     Their mean should be 1/2 ± √(1/12n), their variance 1/12 ± √(1/180n).
     """
-    beside = (np.mean(places) - 0.5) * np.sqrt(12.0 * len(places))
+    shift = (np.mean(places) - 0.5) * np.sqrt(12.0 * len(places))
     spread = (np.mean((places - 0.5) ** 2) - 1.0 / 12.0) * np.sqrt(180.0 * len(places))
-    if max(abs(beside), abs(spread)) < TELLING:
+    if max(abs(shift), abs(spread)) < TELLING:
         return "of another shape than they should be"
-    if abs(beside) > abs(spread):
-        return "shifted to values that are too small" if beside > 0.0 else "shifted to values that are too large"
+    if abs(shift) > abs(spread):
+        return "shifted to values that are too small" if shift > 0.0 else "shifted to values that are too large"
     return "too narrow" if spread > 0.0 else "too wide"
 
 
@@ -280,7 +280,7 @@ def sbc(
 def _simulated(
     posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """True parameters, and what each observation would have shown, (replica, time, channel)."""
+    """True parameters and simulated observations, (replica, time, channel)."""
     rng = stream(seed, Purpose.REPLICA_TRUTH)
     source = posterior if simulator is None else posterior.on(simulator)
     truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)

@@ -25,10 +25,10 @@ from structid.models.external.protocol import Task
 
 
 class ExternalModel(Model):
-    """A model that is run one row at a time by a solver that is not structid's own.
+    """A model whose runs are done one at a time by a solver outside structid.
 
-    A subclass says how one run is done (`solve`) and what its results depend on (`content_hash`). The rest is here: a child
-    process for the run, its time limit, the check of what came back.
+    A subclass implements one run (`solve`) and the hash of what its results depend on (`content_hash`). This class adds the child
+    process, the time limit and the check of the result.
     """
 
     guarded: ClassVar[bool] = True
@@ -77,7 +77,7 @@ class ExternalModel(Model):
 
     @abstractmethod
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run; called in the child process."""
+        """Do one run, in the child process."""
 
     def run(
         self,
@@ -113,5 +113,5 @@ class ExternalModel(Model):
 
 
 def as_guarded(model: Model) -> ExternalModel:
-    """Return a model that says it is guarded, as an `ExternalModel`."""
+    """Return a model that declares itself guarded, as an `ExternalModel`."""
     return cast(ExternalModel, model)

@@ -1,4 +1,4 @@
-"""Models of other people's solvers, by the words of a study file: a Python file, a program, a server."""
+"""External solvers in a study file: a Python file, a program, a server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.models.model_kind import ModelKind, ModelRequest
 
 
 class OutputSection(Section):
-    """Where a program leaves its histories; see `OutputFile`."""
+    """The file in which a program writes its histories; see `OutputFile`."""
 
     path: str
     columns: dict[str, int | str] = Field(min_length=1)
@@ -31,16 +31,16 @@ _EVERY: dict[str, tuple[Any, Any]] = {
     "time_limit": (Annotated[Seconds, Field(gt=0)], None),
     "version": (str, ""),
 }
-"""Keys that they share."""
+"""Keys that all of them share."""
 
 
 def _names(asked: ModelRequest) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters that the solver takes (all of the study's unless it names some), and channels."""
-    known = asked.space.all_names
-    free = asked.given.get("parameters") or known
+    """Parameters of the solver (by default all of the study's), and channels."""
+    available = asked.space.all_names
+    free = asked.given.get("parameters") or available
     for name in free:
-        if name not in known:
-            raise InputError("key 'model.parameters'", f"'{name}'", ", ".join(known), suggestion(name, known))
+        if name not in available:
+            raise InputError("key 'model.parameters'", f"'{name}'", ", ".join(available), suggestion(name, available))
     return tuple(free), tuple(asked.given["channels"])
 
 
@@ -57,10 +57,12 @@ def _python(asked: ModelRequest) -> CallableModel:
         )
     module = imported(path)
     if not callable(getattr(module, name, None)):
-        known = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module.__name__]
+        functions = [
+            n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module.__name__
+        ]
         raise InputError(
-            "key 'model.function'", f"{path.name} has no function '{name}'", ", ".join(known) or "a function",
-            suggestion(name, known),
+            "key 'model.function'", f"{path.name} has no function '{name}'", ", ".join(functions) or "a function",
+            suggestion(name, functions),
         )  # fmt: skip
     function = FunctionInFile(path, name)
     return CallableModel(function, *_names(asked), units=asked.given["units"], **_limits(asked))
@@ -102,7 +104,7 @@ def _served(asked: ModelRequest) -> UMBridgeModel:
 
 
 _UNITS: dict[str, tuple[Any, Any]] = {"units": (dict[str, str], {})}
-"""Of channels whose names are not standard; a program says them with its output."""
+"""Units of channels with non-standard names; a program declares them with its output."""
 
 PYTHON = ModelKind(
     "python",

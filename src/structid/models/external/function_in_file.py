@@ -1,4 +1,4 @@
-"""A function that every process imports from its file."""
+"""A function that every process imports from its own file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.core.hashing import digest
 
 
 class FunctionInFile:
-    """A function that another process imports from its file, instead of being sent it."""
+    """A function that another process imports from its file instead of receiving it by pickle."""
 
     def __init__(self, path: Path, name: str) -> None:
         self.path, self.name = path, name
@@ -30,7 +30,7 @@ class FunctionInFile:
 
     @property
     def identity(self) -> str:
-        """Hash of what its file says, and the files it imports from the same folder; comments and layout do not count."""
+        """Hash of the file's code and of files it imports from the same folder; comments and layout do not count."""
         folder = self.path.parent
         files = {self.path}
         for module in list(sys.modules.values()):
@@ -43,7 +43,7 @@ class FunctionInFile:
 
 @functools.cache
 def imported(path: Path) -> Any:
-    """Import a file as a module; what lies beside it can be imported from it."""
+    """Import a file as a module; it may import its neighbours."""
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     specification = importlib.util.spec_from_file_location(f"structid_study_{path.stem}", path)

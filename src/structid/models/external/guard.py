@@ -1,4 +1,4 @@
-"""One run, guarded: a crash, a hang and an exception are outcomes like any other."""
+"""One guarded run: a crash, a hang and an exception are outcomes like any other."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from structid.models.external.watchdog import LAST_WORDS, CallDiedError, CallTim
 
 @dataclass(frozen=True)
 class PackedCall:
-    """A model on an excitation, ready to be sent to wherever it is run."""
+    """A model with an excitation, ready to be sent to a worker."""
 
-    key: str  # Stands for model and excitation
-    function: Any  # Maps a `Task` to an `Outcome`; pickled when the run is isolated
-    time_limit: float | None  # Seconds a run may take
-    shape: tuple[int, int]  # Samples and channels of a run
-    scratch: str = ""  # Where runs leave their files, empty if they leave none
-    keeps: bool = True  # Whether the files of a failed run are kept
-    preloaded: str = ""  # Module that a child process imports before its first run
+    key: str  # identifies model and excitation
+    function: Any  # maps a `Task` to an `Outcome`; pickled for an isolated run
+    time_limit: float | None  # time limit of a run [s]
+    shape: tuple[int, int]  # samples and channels of a run
+    scratch: str = ""  # folder for files of runs; empty if there are none
+    keeps: bool = True  # whether the files of a failed run are kept
+    preloaded: str = ""  # module that a child process imports before its first run
 
 
 def packed(model: Solver, excitation: Excitation) -> PackedCall:
@@ -60,7 +60,7 @@ _guards = threading.local()
 
 
 def guard_of_this_thread() -> Watchdog:
-    """Return the child process that does this thread's runs."""
+    """Return the watchdog that does this thread's runs."""
     guard: Watchdog | None = getattr(_guards, "watchdog", None)
     if guard is None or _guards.process != os.getpid():  # a forked worker must not share its parent's child
         guard = _guards.watchdog = Watchdog()
@@ -69,7 +69,7 @@ def guard_of_this_thread() -> Watchdog:
 
 
 def attempt(call: PackedCall, task: Task) -> Outcome:
-    """Do one run, guarded; every executor calls this."""
+    """Do one guarded run; every executor calls this."""
     if not isinstance(call.function, bytes):
         here: Outcome = call.function(task)
         return here
@@ -94,7 +94,7 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
 
 
 def _left_behind(call: PackedCall, task: Task) -> str:
-    """What a program said before it was stopped, read from its scratch folder."""
+    """Output of a program before it was stopped, read from its scratch folder."""
     for folder in Path(call.scratch).glob(f"{task.name}-{task.attempt}-*") if call.scratch else ():
         words = (folder / STANDARD_OUTPUT).read_bytes()[-LAST_WORDS:] if (folder / STANDARD_OUTPUT).is_file() else b""
         if not call.keeps:
@@ -105,7 +105,7 @@ def _left_behind(call: PackedCall, task: Task) -> str:
 
 
 def _solved(model: Solver, excitation: Excitation, task: Task) -> Outcome:
-    """Run the solver, in the child, and judge what it returned."""
+    """Run the solver in the child process and check its result."""
     began = time.perf_counter()
     try:
         outcome = judged(model.solve(task, excitation), excitation, model.channels)
@@ -121,7 +121,7 @@ def _solved(model: Solver, excitation: Excitation, task: Task) -> Outcome:
 
 
 def _where(problem: Exception) -> str:
-    """Say what was raised, and in which file and line."""
+    """Describe an exception with its file and line."""
     frames = traceback.extract_tb(problem.__traceback__)
-    place = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""  # noqa: PTH119
-    return f"{type(problem).__name__}: {problem}{place}"
+    location = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""  # noqa: PTH119
+    return f"{type(problem).__name__}: {problem}{location}"

@@ -1,4 +1,4 @@
-"""What a `Watchdog` starts: a keeper process, which does the slow imports once and forks the runner that does the calls.
+"""The keeper process that a `Watchdog` starts: it does slow imports once and forks the runner that does the calls.
 
     owner ── socket ── keeper ── socket ── runner ── whatever the solver starts
       └───────────────lifeline──┴────────────┘
@@ -24,10 +24,10 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 ANSWERED, TIMED_OUT, DIED, NOT_LOADED = b"A", b"T", b"D", b"L"
-"""How a call ended: first byte of what the keeper sends back."""
+"""How a call ended: first byte of the keeper's reply."""
 
 START_LIMIT = 120.0
-"""Seconds allowed for loading a function with all it imports; not part of the time limit of a call."""
+"""Time limit for loading a function with its imports [s]; not part of the time limit of a call."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class _Runner:
     loaded: set[str] = field(default_factory=set)
 
     def kill(self) -> None:
-        """Kill it and all it has started."""
+        """Kill the runner and all processes it started."""
         self._kill_group()
         os.waitpid(self.pid, 0)
 
     def ended(self) -> str:
-        """Say how a runner that has closed its channel ended, and kill the processes it has left behind."""
+        """Describe how a runner that closed its channel ended, and kill the processes it left behind."""
         status = 0
         for _ in range(100):  # it is ending; in a moment its exit code is known
             pid, status = os.waitpid(self.pid, os.WNOHANG)
@@ -101,16 +101,16 @@ class Keeper:
         return TIMED_OUT + f"no answer within {limit:g} s".encode()
 
     def _forked(self) -> _Runner:
-        ours, theirs = socket.socketpair()
+        parent_end, child_end = socket.socketpair()
         pid = os.fork()
         if pid == 0:
-            ours.close()
+            parent_end.close()
             self._channel.close()
             os.setpgid(0, 0)  # a group of its own, to be killed whole and without the keeper
             threading.Thread(target=die_with_the_owner, args=(self._lifeline,), daemon=True).start()
             code = 1
             try:
-                _run(Connection(theirs.detach()))
+                _run(Connection(child_end.detach()))
                 code = 0
             except SystemExit as left:
                 code = left.code if isinstance(left.code, int) else int(left.code is not None)
@@ -120,8 +120,8 @@ class Keeper:
             finally:
                 _flush()
                 os._exit(code)
-        theirs.close()
-        return _Runner(pid, Connection(ours.detach()))
+        child_end.close()
+        return _Runner(pid, Connection(parent_end.detach()))
 
 
 def _asked(channel: Connection, request: tuple[Any, ...], time_limit: float | None) -> bytes | None:
@@ -130,7 +130,7 @@ def _asked(channel: Connection, request: tuple[Any, ...], time_limit: float | No
 
 
 def _run(channel: Connection) -> None:
-    """Load functions and call them: the runner's whole life."""
+    """Life of the runner: load functions and call them."""
     functions: dict[str, Any] = {}
     voice = os.dup(1)
     while True:
@@ -153,7 +153,7 @@ def _run(channel: Connection) -> None:
 
 
 def _listen_again(voice: int) -> None:
-    """Empty the file that keeps the output, and direct output to it: the last call may have closed or redirected it."""
+    """Empty the output file and redirect output to it, which the last call may have closed or redirected."""
     os.ftruncate(voice, 0)
     os.lseek(voice, 0, os.SEEK_SET)
     for number, name in ((1, "stdout"), (2, "stderr")):
@@ -181,14 +181,14 @@ def _told(problem: Exception, as_object: bool) -> bytes:
 
 
 def die_with_the_owner(lifeline: int) -> None:
-    """Wait until the owner has gone, then kill the whole process group."""
+    """Wait until the owner has ended, then kill the whole process group."""
     with contextlib.suppress(OSError):
         os.read(lifeline, 1)
     os.killpg(0, signal.SIGKILL)
 
 
 def ended_by(code: int) -> str:
-    """Say in words how a process ended."""
+    """Describe how a process ended."""
     if code >= 0:
         return f"exit code {code}"
     with contextlib.suppress(ValueError):
@@ -197,7 +197,7 @@ def ended_by(code: int) -> str:
 
 
 def main() -> None:
-    """Run as a keeper: the arguments are the file descriptors of socket and lifeline, and a module to import beforehand."""
+    """Run as a keeper, given the file descriptors of socket and lifeline, and a module to import first."""
     channel, lifeline = (int(word) for word in sys.argv[1:3])
     threading.Thread(target=die_with_the_owner, args=(lifeline,), daemon=True).start()
     if sys.argv[3]:

@@ -1,4 +1,4 @@
-"""Any program as a model: a command line, input files made from templates, histories read from the file it writes."""
+"""Any program as a model: a command line, input files from templates, histories from its output file."""
 
 from __future__ import annotations
 
@@ -157,36 +157,36 @@ class ProgramModel(ExternalModel):
         return other
 
     def _existing(self, path: str | os.PathLike[str]) -> Path:
-        found = self.folder / path
-        if not found.is_file():
+        result = self.folder / path
+        if not result.is_file():
             raise InputError(
-                f"{found}",
+                f"{result}",
                 "there is no such file",
                 "a file beside the study",
                 "Correct the path; it starts at the study's folder.",
             )
-        return found
+        return result
 
     def _text(self, path: str | os.PathLike[str]) -> str:
         return self._existing(path).read_text(encoding="utf-8")
 
     def _check_templates(self) -> None:
-        """Render everything once with all parameters set to one, so that a misspelt name is found at once."""
+        """Render everything once with all parameters equal to one, so that misspelt names are found immediately."""
         names = self._sample_names()
         where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
             try:
                 _rendered(text, names)
             except jinja2.UndefinedError as problem:
-                known = ", ".join([*self.free, *self.constants, "record", "folder", "cores", "seed"])
-                raise InputError(where[name], f"{problem}", known, "Correct the name, or add a constant.") from None
+                allowed = ", ".join([*self.free, *self.constants, "record", "folder", "cores", "seed"])
+                raise InputError(where[name], f"{problem}", allowed, "Correct the name, or add a constant.") from None
             except jinja2.TemplateError as problem:
                 line = f", line {problem.lineno}" if isinstance(problem, jinja2.TemplateSyntaxError) else ""
                 raise InputError(f"{where[name]}{line}", f"{problem}", "a jinja2 template") from None
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of command, templates and constants, and of the content of copied files and of files that the command names."""
+        """Hash of command, templates and constants, and of the content of copied files and of files named in the command."""
         names = self._sample_names()
         words = [_rendered(word, names) for word in split_command(self.command)]
         named = [self.folder / (shutil.which(words[0]) or words[0]), *(self.folder / word for word in words[1:])]
@@ -250,9 +250,9 @@ class ProgramModel(ExternalModel):
             np.savetxt(scratch / self.record_file, excitation.values, fmt="%.17g")
         # Split first: a folder's name may hold spaces.
         command = [_rendered(word, names) for word in split_command(self.command)]
-        said = scratch / STANDARD_OUTPUT
+        output = scratch / STANDARD_OUTPUT
         try:
-            with said.open("wb") as voice:
+            with output.open("wb") as voice:
                 ended = subprocess.run(
                     command,
                     cwd=scratch,
@@ -265,7 +265,7 @@ class ProgramModel(ExternalModel):
         except OSError as problem:
             raise SolverError(f"'{command[0]}' could not be started: {problem.strerror}") from None
         if ended.returncode != 0:
-            words = said.read_bytes()[-LAST_WORDS:].decode(errors="replace").strip()
+            words = output.read_bytes()[-LAST_WORDS:].decode(errors="replace").strip()
             if ended.returncode == self.structure_failed_exit_code:
                 reason = with_words("the structure failed", words)
                 raise StructureFailedError(reason, self._what_there_is(scratch, excitation))
@@ -273,22 +273,22 @@ class ProgramModel(ExternalModel):
         return read_output(scratch, self.output, excitation)
 
     def _what_there_is(self, scratch: Path, excitation: Excitation) -> np.ndarray | None:
-        """Histories left by a program that then ended badly: kept, but never trusted."""
+        """Partial histories of a program that failed: kept, but never used as a result."""
         try:
             return read_output(scratch, self.output, excitation)
         except SolverError:
             return None
 
     def _names(self, task: Task, excitation: Excitation) -> dict[str, Any]:
-        """Names that command and templates know."""
+        """Names available in command and templates."""
         record = {
             "name": excitation.name, "dt": excitation.dt, "samples": len(excitation), "values": excitation.values.tolist(),
         }  # fmt: skip
-        own = {"seed": task.seed, "record": record, "folder": str(self.folder), "cores": 1}
-        return {**self.constants, **task.parameters, **own}
+        builtins = {"seed": task.seed, "record": record, "folder": str(self.folder), "cores": 1}
+        return {**self.constants, **task.parameters, **builtins}
 
     def _sample_names(self) -> dict[str, Any]:
-        """These names with all parameters set to one, to check command and templates."""
+        """The same names with all parameters equal to one, for checks."""
         return self._names(Task(dict.fromkeys(self.free, 1.0), "check", 0), Excitation(np.zeros(2), 0.01, "check"))
 
     def __repr__(self) -> str:
@@ -296,7 +296,7 @@ class ProgramModel(ExternalModel):
 
 
 def split_command(command: str) -> list[str]:
-    """Split a command line into words as a shell would; what stands between double braces is one piece."""
+    """Split a command line into words like a shell; text between double braces stays in one piece."""
     pieces: list[str] = []
 
     def put_aside(found: re.Match[str]) -> str:
@@ -321,14 +321,14 @@ def _rendered(text: str, names: Mapping[str, Any]) -> str:
 
 
 def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Float[np.ndarray, "time channel"]:
-    """Read the histories a program has written."""
+    """Read the histories written by a program."""
     path = scratch / output.file
     if not path.is_file():
         there = ", ".join(sorted(p.name for p in scratch.iterdir())) or "nothing"
         raise SolverError(f"it wrote no '{output.file}'; its folder holds {there}")
     reader = _read_hdf5 if path.suffix in (".h5", ".hdf5", ".nc") else _read_text
-    wanted = [*output.columns.values(), *([] if output.time is None else [output.time])]
-    columns = reader(path, wanted)
+    columns_to_read = [*output.columns.values(), *([] if output.time is None else [output.time])]
+    columns = reader(path, columns_to_read)
     values = np.column_stack([
         column * factor(output.units.get(channel, "")) for channel, column in zip(output.columns, columns, strict=False)
     ])  # fmt: skip
@@ -396,7 +396,7 @@ def _read_hdf5(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
 
 
 def _at_samples(times: np.ndarray, values: np.ndarray, excitation: Excitation, name: str) -> np.ndarray:
-    """Bring histories at the program's own times to the record's samples; rows end where the program's times do."""
+    """Interpolate histories from the program's own times to the record's samples; rows end where its times do."""
     if not (np.diff(times) > 0).all():
         raise SolverError(f"the times in '{name}' do not rise")
     tolerance = 1e-6 * excitation.dt

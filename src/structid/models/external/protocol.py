@@ -1,4 +1,4 @@
-"""What a solver is asked, what it answers, and how it says that something went wrong."""
+"""Interface between models and external solvers: the task, the outcome, the errors."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from structid.core.errors import Status
 from structid.ground_motion.excitation import Excitation
 
 STANDARD_OUTPUT = "output.txt"
-"""File in the scratch folder that keeps what a program says."""
+"""File in the scratch folder with the program's output."""
 
 
 @dataclass(frozen=True)
 class Task:
     """One run to be done."""
 
-    parameters: dict[str, float]  # In SI, by name
-    name: str  # Name of its scratch folder
-    seed: int  # For a solver that draws random numbers; the same for the same run on any executor
-    attempt: int = 1  # Number of this attempt at the run
+    parameters: dict[str, float]  # in SI, by name
+    name: str  # name of its scratch folder
+    seed: int  # seed of a stochastic solver; the same for the same run on any executor
+    attempt: int = 1  # number of this attempt
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one run."""
+    """Outcome of one run."""
 
-    values: Float[np.ndarray, "time channel"]  # What it produced in SI; NaN where it produced nothing
-    status: Status = Status.DONE  # How it ended
-    reason: str = ""  # Why, if it did not reach its end
-    failure_time: float = float("nan")  # Time from which there is no response [s]; NaN for a run that is done
-    seconds: float = 0.0  # Wall time
+    values: Float[np.ndarray, "time channel"]  # results in SI; NaN where there are none
+    status: Status = Status.DONE  # how it ended
+    reason: str = ""  # why, unless it reached its end
+    failure_time: float = float("nan")  # time from which there is no response [s]; NaN for a completed run
+    seconds: float = 0.0  # wall time
 
 
 class SolverError(Exception):
@@ -69,19 +69,19 @@ class StructureFailedError(SolverError):
 
 
 class Solver(Protocol):
-    """An external solver as the guard sees it: one run at a time, from parameters and excitation."""
+    """An external solver from the guard's viewpoint: one run at a time, from parameters and excitation."""
 
-    channels: tuple[str, ...]  # What a run returns
-    time_limit: float | None  # Seconds a run may take
-    isolated: bool  # Whether a run happens in a child process
-    scratch: Path | None  # Where runs leave their files, if they leave any
-    keeps_failed: bool  # Whether the files of a failed run are kept
-    kept: Path | None  # Where the last run's files are, if they were kept. Known only to the process that did the run
-    preloaded: str  # Module that a child process imports before the first run, so that a new one starts in milliseconds
+    channels: tuple[str, ...]  # channels that a run returns
+    time_limit: float | None  # time limit of a run [s]
+    isolated: bool  # whether a run happens in a child process
+    scratch: Path | None  # folder for files of runs, if there are any
+    keeps_failed: bool  # whether the files of a failed run are kept
+    kept: Path | None  # folder of the last run's files, if kept; known only to the process that did the run
+    preloaded: str  # module that a child process imports before the first run, so that a new one starts in milliseconds
 
     @property
     def content_hash(self) -> str:
         """Hash of everything a response depends on besides parameters and excitation."""
 
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run; called in the child process."""
+        """Do one run, in the child process."""

@@ -1,4 +1,4 @@
-"""What a solver returned, checked against what it should be: shape, length, finite numbers."""
+"""Checks of a solver's result: shape, length, finite numbers."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from structid.models.external.protocol import Outcome
 
 
 def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
-    """Check what a solver returned against what it should be: shape, length, finite numbers."""
+    """Check the result of a solver: shape, length, finite numbers."""
     samples = len(excitation)
-    wanted = f"{samples} rows of {', '.join(channels)}"
+    expected = f"{samples} rows of {', '.join(channels)}"
     nothing = np.full((samples, len(channels)), np.nan)
     if result is None:
-        return Outcome(nothing, Status.FAILED, f"it returned nothing; wanted {wanted}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"it returned nothing; wanted {expected}", 0.0)
     try:
         columns = _columns(result, channels)
     except (ValueError, TypeError, KeyError) as problem:
-        return Outcome(nothing, Status.FAILED, f"{problem}; wanted {wanted}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"{problem}; wanted {expected}", 0.0)
     if len(columns) == 0:
-        return Outcome(nothing, Status.FAILED, f"it returned no rows; wanted {wanted}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"it returned no rows; wanted {expected}", 0.0)
     values = nothing
     values[: len(columns)] = columns[:samples]
     finite = np.isfinite(values[: len(columns)]).all(axis=1)
@@ -37,14 +37,14 @@ def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Ou
         return Outcome(values, Status.DIVERGED, f"not finite from {t:g} s on", t)
     if len(columns) != samples:
         end = min(len(columns), samples - 1) * excitation.dt
-        return Outcome(values, Status.FAILED, f"it returned {len(columns)} rows; wanted {wanted}", end)
+        return Outcome(values, Status.FAILED, f"it returned {len(columns)} rows; wanted {expected}", end)
     return Outcome(values)
 
 
 def failed(
     reason: str, excitation: Excitation, channels: tuple[str, ...], partial: Any, status: Status = Status.FAILED
 ) -> Outcome:
-    """Put together the outcome of a run that ended early, with what it produced until then."""
+    """Build the outcome of a run that ended early, with its results until then."""
     values = (
         np.full((len(excitation), len(channels)), np.nan)
         if partial is None
@@ -74,7 +74,7 @@ def _columns(result: Any, channels: tuple[str, ...]) -> np.ndarray:
 
 
 def _real(what: str, value: Any) -> np.ndarray:
-    """Numbers of a result; a `ValueError` that says in a reason's words what came instead."""
+    """Numbers of a result; raises a `ValueError` that describes anything else."""
     try:
         return real_array(what, value)
     except InputError as problem:

@@ -1,4 +1,4 @@
-"""UM-Bridge: a model served over HTTP as one of structid's, and any of structid's served to clients of the protocol.
+"""UM-Bridge: a model served over HTTP as a structid model, and structid models served to clients of the protocol.
 
 The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) treats models as maps from lists of vectors to lists of vectors.
 Here the first input vector holds the parameters in SI, and there is one output vector for each channel, the history in SI.
@@ -27,9 +27,9 @@ from structid.models.external.protocol import SolverError, Task
 from structid.models.traceable import as_traceable
 
 NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
-"""How programs write NaN and the infinities, for which JSON has no word."""
+"""Spellings of NaN and the infinities, which JSON lacks."""
 FIRST_WORDS = 160
-"""Signs of an answer that are shown where it is no answer."""
+"""Characters shown of a reply that is not a valid answer."""
 
 
 @check_arguments
@@ -97,20 +97,20 @@ class UMBridgeModel(ExternalModel):
         if self.send_record:
             config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
         _check_name(self.url, self.name)
-        asked = {"name": self.name, "config": config}
-        sizes = _answer(self.url, "InputSizes", asked, "inputSizes")
+        request = {"name": self.name, "config": config}
+        sizes = _answer(self.url, "InputSizes", request, "inputSizes")
         if sum(sizes) != len(self.free):
             raise SolverError(f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters")
         values = iter(task.parameters.values())
         inputs = [[next(values) for _ in range(size)] for size in sizes]
-        outputs = _answer(self.url, "Evaluate", {**asked, "input": inputs}, "output")
+        outputs = _answer(self.url, "Evaluate", {**request, "input": inputs}, "output")
         if len(outputs) != len(self.channels):
             raise SolverError(f"the server returned {len(outputs)} vectors for the channels {', '.join(self.channels)}")
         return dict(zip(self.channels, outputs, strict=True))
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of address, name, configuration and names. What the server does with them is not seen."""
+        """Hash of address, name, configuration and names. Changes on the server cannot be detected."""
         return digest(
             "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
         )
@@ -121,14 +121,14 @@ class UMBridgeModel(ExternalModel):
 
 @functools.cache
 def _check_name(url: str, name: str) -> None:
-    """Refuse a model that the server does not offer; asked once in each process."""
+    """Refuse a model that the server does not offer; checked once per process."""
     offered = _answer(url, "Info", None, "models")
     if name not in offered:
         raise SolverError(f"the server at {url} has no model '{name}'; it offers {', '.join(map(str, offered))}")
 
 
 def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -> Any:
-    """Ask a server. If its answer is an error, report its status and first words."""
+    """Send a request to a server. If its reply is an error, report its status and first words."""
     try:
         import requests
     except ImportError:
@@ -146,8 +146,8 @@ def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -
         answer = None
     if isinstance(answer, dict) and "error" in answer:
         error = answer["error"]
-        said = f"{error.get('type')}: {error.get('message')}" if isinstance(error, dict) else str(error)
-        raise SolverError(f"the server at {url} answered with an error: {said}")
+        description = f"{error.get('type')}: {error.get('message')}" if isinstance(error, dict) else str(error)
+        raise SolverError(f"the server at {url} answered with an error: {description}")
     if response.status_code >= 400 or not isinstance(answer, dict) or key not in answer:
         words = " ".join(re.sub(r"<[^>]*>", " ", response.text).split())[:FIRST_WORDS] or "nothing"
         raise SolverError(f"the server at {url} answered to {what} with HTTP status {response.status_code}: {words}")
@@ -155,7 +155,7 @@ def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -
 
 
 class Served:
-    """What ``umbridge.serve_models`` asks of every model besides its values."""
+    """What ``umbridge.serve_models`` requires of a model besides its values."""
 
     def __init__(self, name: str, differentiable: bool) -> None:
         self.name, self._differentiable = name, differentiable
@@ -165,7 +165,7 @@ class Served:
         return True
 
     def supports_gradient(self) -> bool:
-        """Whether a linear function of its output has a gradient."""
+        """Whether linear functions of the output have gradients."""
         return self._differentiable
 
     def supports_apply_jacobian(self) -> bool:
@@ -178,7 +178,7 @@ class Served:
 
 
 class ServedModel(Served):
-    """One of structid's models with the interface that ``umbridge.serve_models`` asks for."""
+    """A structid model with the interface that ``umbridge.serve_models`` requires."""
 
     def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
         super().__init__(name, model.traceable)
@@ -195,8 +195,8 @@ class ServedModel(Served):
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
         """Run the model once.
 
-        A run that fails returns what it has up to its failure: the vectors are then too short, which the protocol reports as an
-        error with both lengths. It has no way to say "not a number".
+        A failed run returns its results up to the failure: the vectors are then too short, which the protocol reports as an error
+        with both lengths. The protocol cannot transmit "not a number".
         """
         excitation = self._driven_by(config)
         values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
@@ -239,7 +239,7 @@ class ServedModel(Served):
 
 
 def check_address(host: str, port: int) -> None:
-    """Refuse an address at which this machine cannot listen."""
+    """Refuse an address on which this machine cannot listen."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -254,8 +254,8 @@ def check_address(host: str, port: int) -> None:
 
 
 def is_this_machine(host: str) -> bool:
-    """Whether an address is reached from this machine only."""
-    return all(ipaddress.ip_address(found[4][0]).is_loopback for found in socket.getaddrinfo(host, None))
+    """Whether an address is reachable from this machine only."""
+    return all(ipaddress.ip_address(result[4][0]).is_loopback for result in socket.getaddrinfo(host, None))
 
 
 def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.1") -> None:

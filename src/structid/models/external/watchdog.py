@@ -1,8 +1,8 @@
 """The owner's side of a guarded call: a keeper process does it, so that no crash or hang harms the owner.
 
-No executor can kill a hung task, and a solver that crashes takes its process with it. So whatever runs a solver (a thread of
-this program or a worker of a cluster) owns a keeper (`models/external/keeper.py`): a fresh process that inherits nothing and has
-one BLAS or XLA thread.
+No executor can kill a hung task, and a crashing solver takes its process with it. Whatever runs a solver (a thread of this
+program or a worker of a cluster) therefore owns a keeper (`models/external/keeper.py`): a fresh process that inherits nothing and
+has one BLAS or XLA thread.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from structid.core.reasons import with_words
 from structid.models.external.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
 
 LAST_WORDS = 2000
-"""Characters kept of what a failed call said."""
+"""Characters kept of a failed call's output."""
 
 _ONE_THREAD = {
     **dict.fromkeys(
@@ -40,15 +40,15 @@ _ONE_THREAD = {
 
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.models.external.keeper import main; main()"
-"""The keeper imports from where its owner does. Not by PYTHONPATH: programs that a solver starts must not inherit it."""
+"""Code that gives the keeper the owner's import path. PYTHONPATH would be inherited by programs that a solver starts."""
 
 
 class CallTimeoutError(Exception):
-    """The call took longer than it was allowed; whatever did it has been killed."""
+    """The call exceeded its time limit; its process has been killed."""
 
 
 class NotLoadedError(Exception):
-    """The function could not be loaded where it should run: no run can be done there."""
+    """The function could not be loaded in the child process, so that no run is possible."""
 
 
 class CallDiedError(Exception):
@@ -57,7 +57,7 @@ class CallDiedError(Exception):
 
 @dataclass
 class _Kept:
-    """A keeper, and what ties its owner to it."""
+    """A keeper process and its connections to the owner."""
 
     process: subprocess.Popen[bytes]
     channel: Connection
@@ -87,7 +87,7 @@ class _Kept:
 
 
 class Watchdog:
-    """Owner of one keeper, which is started with the first call."""
+    """Owner of one keeper, which starts with the first call."""
 
     def __init__(self) -> None:
         self._kept: _Kept | None = None
@@ -97,7 +97,7 @@ class Watchdog:
     def call(
         self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None, preloaded: str = ""
     ) -> Any:
-        """Run a function where it can do no harm."""
+        """Run a function in the child process."""
         kept = self._kept or self._start(preloaded)
         if self._killed:  # while it was being started
             self.close()
@@ -126,51 +126,51 @@ class Watchdog:
         raise kind(with_words(answer[1:].decode(), self.last_words()))
 
     def last_words(self) -> str:
-        """Return the end of what was said in the last call."""
+        """Return the end of the last call's output."""
         return "" if self._kept is None else _tail(self._kept.voice)
 
     def kill(self) -> None:
-        """Kill everything from another thread, for good; a thread that waits in `call` sees it die."""
+        """Kill everything from another thread, for good; a thread waiting in `call` gets an error."""
         self._killed = True
         if self._kept is not None:
             self._kept.cut()
 
     def close(self) -> None:
-        """Kill everything, and forget it; the next call starts anew."""
+        """Kill everything; the next call starts a new keeper."""
         if self._kept is not None:
             self._kept = None
             self._finalizer()
 
     def _start(self, preloaded: str) -> _Kept:
-        ours, theirs = socket.socketpair()
+        parent_end, child_end = socket.socketpair()
         read_end, write_end = os.pipe()
         voice = _nameless_file()
         search_path = [folder or str(Path.cwd()) for folder in sys.path]
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, json.dumps(search_path), str(theirs.fileno()), str(read_end), preloaded],
+            [sys.executable, "-c", _START, json.dumps(search_path), str(child_end.fileno()), str(read_end), preloaded],
             stdin=subprocess.DEVNULL,
             stdout=voice,
             stderr=voice,
             env={**os.environ, **_ONE_THREAD},
-            pass_fds=(theirs.fileno(), read_end),
+            pass_fds=(child_end.fileno(), read_end),
             start_new_session=True,  # out of the reach of the terminal's Ctrl-C
         )
-        theirs.close()
+        child_end.close()
         os.close(read_end)
-        self._kept = _Kept(process, Connection(ours.detach()), write_end, voice)
+        self._kept = _Kept(process, Connection(parent_end.detach()), write_end, voice)
         self._finalizer = weakref.finalize(self, self._kept.bury)
         return self._kept
 
 
 def _nameless_file() -> int:
-    """Open a file without a name, which nobody has to remove."""
+    """Open a file without a name, which needs no removal."""
     handle, name = tempfile.mkstemp(prefix="structid-")
     Path(name).unlink()
     return handle
 
 
 def _tail(handle: int) -> str:
-    """Read the last words in a file, without moving the place where the runner writes."""
+    """Read the end of a file without moving the position at which the runner writes."""
     size = os.fstat(handle).st_size
     start = max(0, size - LAST_WORDS)
     return os.pread(handle, size - start, start).decode(errors="replace").strip()

@@ -53,7 +53,7 @@ CHANNELS = (
     "elastic_energy",
     "absorbed_energy",
 )
-"""What may be recorded."""
+"""Channels of the oscillator."""
 
 _REQUIRED = ("mass", "stiffness", "alpha", "beta")
 _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
@@ -243,8 +243,8 @@ class BoucWen(TraceableModel):
             If the oscillator cannot respond to it.
         """
         check_one_signal("BoucWen", excitation)
-        wanted = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
-        if excitation.kind == "displacement" and wanted:
+        forbidden = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
+        if excitation.kind == "displacement" and forbidden:
             raise InputError(
                 "channels",
                 "accelerations with an imposed displacement",
@@ -400,7 +400,7 @@ class BoucWen(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return "Bouc–Wen oscillator"
 
     def recording(self, *channels: str) -> BoucWen:
@@ -452,11 +452,11 @@ class BoucWen(TraceableModel):
         """
         from structid.figures import response as figure
 
-        wanted = ("displacement", "velocity", "restoring_force", "hysteretic_energy", "elastic_energy")
+        panels = ("displacement", "velocity", "restoring_force", "hysteretic_energy", "elastic_energy")
         row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=np.float64)[None, :]
-        run = replace(self, channels=wanted).simulate(row, excitation)
+        run = replace(self, channels=panels).simulate(row, excitation)
         units = ("mm", "mm/s", "kN", "J", "J")
-        u, v, force, hysteretic, elastic = (run.channel(c)[0] / factor(x) for c, x in zip(wanted, units, strict=True))
+        u, v, force, hysteretic, elastic = (run.channel(c)[0] / factor(x) for c, x in zip(panels, units, strict=True))
         return figure.four_panels(run.time, u, v, force, hysteretic, elastic, excitation.name, save)
 
 

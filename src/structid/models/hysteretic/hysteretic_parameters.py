@@ -1,4 +1,4 @@
-"""Parameters of hysteretic models: their SI units, and the checks that models share."""
+"""Parameters of hysteretic models: their SI units and common checks."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ PARAMETER_UNITS = {
 """SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
 
 DEFAULT_SUBSTEPS = 3
-"""Steps per sample: the velocity error on the benchmark study is below 1e-4 of its norm (see docs/benchmarks.md)."""
+"""Steps per sample; the velocity error in the benchmark study is below 1e-4 of its norm."""
 
 
 def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the free names as a tuple if the model has them all."""
+    """Return the free names as a tuple; refuse names that the model does not have."""
     names = (free,) if isinstance(free, str) else tuple(free)
     for name in names:
         if name not in known_names:
@@ -67,7 +67,7 @@ def finite_number(where: str, value: Any) -> float:
 
 
 def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]) -> str | None:
-    """SI unit of a parameter in a study; β and γ are in m⁻ⁿ, which is known only where n is."""
+    """SI unit of a parameter in a study; that of β and γ is m⁻ⁿ, known only where n is known."""
     if name not in ("beta", "gamma"):
         return PARAMETER_UNITS.get(name)
     exponent = given.get("exponent")
@@ -77,12 +77,12 @@ def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]
 
 
 def unit_of_shape(exponent: float) -> str:
-    """SI unit of β and γ with a known exponent."""
+    """SI unit of β and γ for a known exponent."""
     return "1/m" if exponent == 1.0 else f"1/m^{exponent:g}"
 
 
 def refuse_units_of_shapes(table: Any) -> Any:
-    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly."""
+    """Refuse a unit of length for β and γ where n is not 1: they are in m⁻ⁿ, which it would scale wrongly."""
     if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
         for name in ("beta", "gamma"):
             if isinstance(table.get(name), str):

@@ -1,4 +1,4 @@
-"""A structure on which displacements are imposed, as in a cyclic test or by the actuators of a hybrid test: forces come out."""
+"""A structure under imposed displacements, as in a cyclic test or a hybrid test; its response is the force."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from structid.models.traceable import TraceableModel, TracedExcitation, as_trace
 from structid.probability.space import ParameterSpace
 
 KINDS = {"m": DisplacementHistory.kind, "rad": RotationHistory.kind}
-"""Kind of excitation by the unit of a displacement."""
+"""Kind of excitation, by the unit of the displacement."""
 
 
 def force_channels(units: Sequence[str]) -> tuple[str, ...]:
-    """Name the forces against displacements."""
+    """Names of the force channels."""
     if len(units) == 1:
         return ("moment",) if units[0] == "rad" else ("restoring_force",)
     return tuple(f"{'moment' if unit == 'rad' else 'restoring_force'}_{k}" for k, unit in enumerate(units, start=1))
@@ -74,9 +74,11 @@ class ImposedDisplacements(TraceableModel):
             )
         if not self.pieces >= 1:
             raise InputError("ImposedDisplacements.pieces", f"{self.pieces!r}", "a whole number, 1 or more")
-        known = force_channels(self._units)
-        wanted = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
-        object.__setattr__(self, "channels", check_channels("ImposedDisplacements.channels", wanted or known, known))
+        available = force_channels(self._units)
+        requested = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
+        object.__setattr__(
+            self, "channels", check_channels("ImposedDisplacements.channels", requested or available, available)
+        )
 
     @property
     def free(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -85,7 +87,7 @@ class ImposedDisplacements(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return f"{self.model.kind_in_words} under imposed displacements"
 
     def _force(self, theta: Any) -> RestoringForce | None:
@@ -150,10 +152,10 @@ class ImposedDisplacements(TraceableModel):
         at_zero, memory = force.force_at_rest(nothing), force.at_rest(nothing)
 
         def sample(carried: tuple[Any, Any], row: Any) -> tuple[tuple[Any, Any], Any]:
-            place = nothing + row[0, 0].reshape(count, 1)
-            found, after = force.at(carried[0], place)
-            return (after, carried[1] & jnp.isfinite(found).all(axis=0)), jnp.stack(
-                [(found - at_zero)[row] for row in rows]
+            imposed = nothing + row[0, 0].reshape(count, 1)
+            result, after = force.at(carried[0], imposed)
+            return (after, carried[1] & jnp.isfinite(result).all(axis=0)), jnp.stack(
+                [(result - at_zero)[row] for row in rows]
             )
 
         start = memory, jnp.isfinite(at_zero).all(axis=0)
@@ -188,9 +190,9 @@ class ImposedDisplacements(TraceableModel):
             If it is another one.
         """
         parts = excitation.parts if isinstance(excitation, CombinedExcitation) else (excitation,)
-        wanted, came = [KINDS[unit] for unit in self._units], [part.kind for part in parts]
-        if came != wanted:
-            allowed = ", ".join(f"a {kind.capitalize()}History" for kind in wanted)
+        requested, came = [KINDS[unit] for unit in self._units], [part.kind for part in parts]
+        if came != requested:
+            allowed = ", ".join(f"a {kind.capitalize()}History" for kind in requested)
             raise InputError(
                 "ImposedDisplacements", ", ".join(came), allowed, "Several are one CombinedExcitation, in this order."
             )

@@ -1,4 +1,4 @@
-"""Initial and final stiffness of a measured loop by two straight lines, for the priors of `stiffness` and `alpha`.
+"""Initial and final stiffness of a measured loop from two straight lines, for the priors of `stiffness` and `alpha`.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OTHER_ELASTIC = (0.5, 1.5, 2.0)
-"""Other ends of the initial line, in parts of the one that was asked for: how its slope depends on that choice."""
+"""Alternative ends of the initial line, relative to the chosen one, for the sensitivity of its slope."""
 
 OTHER_YIELDED = (0.6, 1.4)
-"""Other beginnings of the final line, as distances from the peak in parts of the one that was asked for."""
+"""Alternative starts of the final line, as distances from the peak relative to the chosen one."""
 
 FEWEST = 3
-"""Samples on a line at least."""
+"""Minimum number of samples on a line."""
 
 DUCTILITY = 2.5
-"""Peak displacement over that at which the lines meet, at least, if a structure has yielded enough to show its α."""
+"""Minimum ratio of the peak displacement to that at which the lines meet, for a loop that determines α."""
 
 YIELD_SHARE = 0.3
-"""Yield force over the largest force, at least: below it the final line goes about through zero, as the initial one does."""
+"""Minimum ratio of yield force to largest force: below it the final line passes near zero, as the initial line does."""
 
 NORMAL_90 = 2 * 1.645
-"""Width of a 90 % interval of a normal law in standard deviations."""
+"""Width of a 90 % interval of the normal distribution, in standard deviations."""
 
 SMALLEST_SPREAD = {"stiffness": 0.1, "alpha": 0.3}
-"""Coefficients of variation of the priors at least: the parameters of a smooth law are not slopes of lines."""
+"""Minimum coefficients of variation of the priors, since the parameters of a smooth law are not slopes of lines."""
 
 
 @check_arguments
@@ -179,20 +179,20 @@ class LoopLines(ShownAsText):
 
     @property
     def alpha_interval(self) -> tuple[float, float]:
-        """Where α lies; its upper end holds for a structure that has hardly yielded, too."""
+        """Interval of α; its upper end also holds for a structure that has hardly yielded."""
         ratios = [final / initial for final in self.final_interval for initial in self.initial_interval]
         return min(ratios), min(1.0, max(ratios))
 
     @property
     def ductility(self) -> float:
-        """Peak displacement over that at which the two lines meet."""
+        """Peak displacement over the displacement at which the two lines meet."""
         # f_y + k_u u_y = k_i u_y
         yield_displacement = self.yield_force / (self.initial_stiffness - self.final_stiffness)
         return float(np.abs(self.displacement).max() / yield_displacement)
 
     @property
     def yielded(self) -> bool:
-        """Whether the structure has yielded enough for the final line to tell its α."""
+        """Whether the structure has yielded enough for the final line to determine α."""
         return (
             self.final_stiffness < self.initial_stiffness
             and self.yield_force >= YIELD_SHARE * float(np.abs(self.force).max())
@@ -254,12 +254,12 @@ class LoopLines(ShownAsText):
 
     def __str__(self) -> str:
         low, high = (f"{end * 1e-6:.3g}" for end in self.initial_interval)
-        said = f"The loop's initial stiffness is {self._kilonewtons(self.initial_stiffness)} ({low} to {high})."
+        text = f"The loop's initial stiffness is {self._kilonewtons(self.initial_stiffness)} ({low} to {high})."
         if not self.yielded:
-            return f"{said} It is of {self._hardly}. Of alpha it says no more than that it is at most {self.alpha_interval[1]:.2f}."
+            return f"{text} It is of {self._hardly}. Of alpha it says no more than that it is at most {self.alpha_interval[1]:.2f}."
         first, last = self.alpha_interval
         return (
-            f"{said} Its alpha is {self.alpha:.3f} ({first:.3f} to {last:.3f}), its yield force {self.yield_force * 1e-3:.3g} kN, "
+            f"{text} Its alpha is {self.alpha:.3f} ({first:.3f} to {last:.3f}), its yield force {self.yield_force * 1e-3:.3g} kN, "
             f"its ductility {self.ductility:.2g}."
         )
 
@@ -293,12 +293,12 @@ class LoopLines(ShownAsText):
 
 
 def _elastic(u: np.ndarray, part: float) -> Any:
-    """Which samples come before the displacement first leaves this part of its peak."""
+    """Samples before the displacement first exceeds this fraction of its peak."""
     return np.logical_and.accumulate(np.abs(u) <= part * np.abs(u).max()) & (u != 0.0)
 
 
 def _yielded(u: np.ndarray, part: float) -> Any:
-    """Which samples lie beyond this part of the peak displacement and move away from zero."""
+    """Samples beyond this fraction of the peak displacement that move away from zero."""
     return (np.abs(u) > part * np.abs(u).max()) & (u * np.gradient(u) > 0.0)
 
 
@@ -314,7 +314,7 @@ def _initial_slope(u: np.ndarray, f: np.ndarray, part: float) -> float:
 def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float]:
     """k_u [N/m] and f_y [N] of f = ± f_y + k_u u; NaN for too few samples.
 
-    Each side has its own f_y while the slope is fitted, so that a loop that has drifted to one side keeps its slope.
+    Each side has its own f_y during the fit, so that a loop that has drifted to one side keeps its slope.
     """
     loading = _yielded(u, part)
     if loading.sum() < FEWEST:
@@ -327,10 +327,10 @@ def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float
 
 
 def _asymptote(initial: float, slope: float, yield_force: float, middle: float) -> float:
-    """The slope [N/m] to which the final line's falls, if the loop bends as Bouc and Wen's with an exponent of 1.
+    """Limit [N/m] of the final line's slope, for a loop that bends as Bouc and Wen's with an exponent of 1.
 
     A loop f = α k_i u + (1 - α) k_i z_u (1 - e^{-u/z_u}) has, at u = μ z_u, the tangent k_i (α + (1 - α) e^{-μ}). It meets the
-    initial line at a displacement which is smaller than u by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}), whatever α is.
+    initial line at a displacement smaller than u by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}), for any α.
     """
     ratio = middle * (initial - slope) / yield_force if yield_force > 0.0 else 0.0
     if not ratio > 2.0:  # as for a tangent at zero
@@ -345,6 +345,6 @@ def _range(slopes: list[float]) -> tuple[float, float]:
 
 
 def _moments(name: str, interval: tuple[float, float]) -> tuple[float, float]:
-    """Mean and standard deviation of a prior of this interval, which is not too narrow."""
+    """Mean and standard deviation of a prior with this interval, with a minimum spread."""
     mean = 0.5 * (interval[0] + interval[1])
     return mean, max((interval[1] - interval[0]) / NORMAL_90, SMALLEST_SPREAD[name] * mean)

@@ -44,7 +44,7 @@ class OscillatorEquations(HystereticSystem):
         return self.with_energies(state, zero)
 
     def inputs(self, step: float) -> Callable[[Any], tuple[Any, Any, Any]]:
-        """Return the function from the excitation at start, middle and end of a step to the inputs of `rate`."""
+        """Return the function from the excitation at the start, middle and end of a step to the inputs of `rate`."""
         if not self.driven:
             return lambda stage: (stage[0], stage[1], stage[2])
 
@@ -56,7 +56,7 @@ class OscillatorEquations(HystereticSystem):
         return displacement_and_velocity
 
     def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
-        """Displacement and velocity, imposed or of the state; see `HystereticSystem.kinematics`."""
+        """Displacement and velocity, imposed or from the state; see `HystereticSystem.kinematics`."""
         imposed: tuple[Any, Any] = signal
         return imposed if self.driven else (state["u"], state["v"])
 
@@ -65,7 +65,7 @@ class OscillatorEquations(HystereticSystem):
         return 0.0 * self.omega_squared if self.driven else self.omega_squared
 
     def deformation(self, motion: Any) -> Any:
-        """The spring deforms as the mass moves; see `HystereticSystem.deformation`."""
+        """The spring deforms with the mass; see `HystereticSystem.deformation`."""
         return motion
 
     def _force_per_mass(self, u: Any, z: Any) -> Any:

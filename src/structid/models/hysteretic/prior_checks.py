@@ -1,4 +1,4 @@
-"""Priors that a hysteretic model cannot have: another unit, or values that are not physical."""
+"""Checks of the priors of hysteretic models: units and physical values."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "psi0": (0.0, np.inf),
     "lambda_": (0.0, np.inf),
 }
-"""In SI, ends included."""
+"""Physical ranges in SI, ends included."""
 
 DRAWS = 512
-"""Draws of the prior by which it is judged."""
+"""Draws of the prior that are checked."""
 
 TOLERATED = 0.01
-"""Share of the prior that may lie outside a range: the tail of a normal prior whose bound nobody wrote."""
+"""Tolerated fraction of the prior outside a range: the tail of a normal prior without a stated bound."""
 
 
 def check_value(where: str, name: str, value: float) -> None:
-    """Refuse a value that is not physical."""
+    """Refuse an unphysical value."""
     low, high = PHYSICAL_RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
         share = f"{value:g} % is {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
@@ -46,13 +46,13 @@ def check_value(where: str, name: str, value: float) -> None:
 
 
 def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:
-    """Refuse priors in a unit of another dimension, and those of which a good part is not physical. Warn where |γ| > β."""
+    """Refuse priors in a wrong unit or with too many unphysical values. Warn where |γ| > β."""
     for name in set(free) & set(space.names):
-        unit, own = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
-        if own and _plain(name) in ("beta", "gamma"):
-            _check_unit_of_shape(name, own, _exponent_of(name, free, model))
-        elif own:
-            factor_of(own, unit, f"unit of the prior of '{name}'")
+        unit, given_unit = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
+        if given_unit and _plain(name) in ("beta", "gamma"):
+            _check_unit_of_shape(name, given_unit, _exponent_of(name, free, model))
+        elif given_unit:
+            factor_of(given_unit, unit, f"unit of the prior of '{name}'")
     draws = space.sample(DRAWS, 0, "sobol")
     values = dict(zip(free, np.asarray(draws.columns(free)).T, strict=True))
     for name, value in values.items():
@@ -65,12 +65,12 @@ def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> N
                 f"a prior within {_range_in_words(low, high)}",
                 "Bound it with low and high, and check its unit.",
             )
-    if asked := unstable_in_words(unstable_share(space, model)):
-        warnings.warn(asked, StructidWarning, stacklevel=2)
+    if question := unstable_in_words(unstable_share(space, model)):
+        warnings.warn(question, StructidWarning, stacklevel=2)
 
 
 def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
-    """Exponent of the spring that β or γ belongs to; None where it is unknown, or differs between springs that share them."""
+    """Exponent of the spring to which β or γ belongs; None if unknown or different between springs."""
     if any(_plain(other) == "exponent" for other in free):
         return None
     exponent = getattr(model, "exponent", 1.0)
@@ -81,7 +81,7 @@ def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
 
 
 def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
-    """Refuse another unit of β or γ than m⁻ⁿ: 1/mm would make them 1000 times as large, where it is a million for n = 2."""
+    """Refuse a unit of β or γ other than m⁻ⁿ: 1/mm would scale them by 1000, where n = 2 needs a million."""
     where = f"unit of the prior of '{name}'"
     if exponent is not None:
         factor_of(own, unit_of_shape(exponent), where)
@@ -96,7 +96,7 @@ def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
 
 
 def unstable_share(space: ParameterSpace, model: object) -> float:
-    """Give the share of the prior in which |γ| > β, where the response need not stay bounded."""
+    """Fraction of the prior with |γ| > β, for which the response may be unbounded."""
     free = [name for name in space.all_names if _plain(name) in _SHAPES]
     columns = np.asarray(space.sample(DRAWS, 0, "sobol").columns(free)).T if free else ()
     values = _fixed_shapes(model) | dict(zip(free, columns, strict=True))
@@ -105,7 +105,7 @@ def unstable_share(space: ParameterSpace, model: object) -> float:
 
 
 def unstable_in_words(share: float) -> str:
-    """Ask about a share that is more than a tail."""
+    """Warn about a fraction that exceeds a tail."""
     if share <= TOLERATED:
         return ""
     return (
@@ -118,15 +118,15 @@ _SHAPES = ("beta", "gamma", "gamma_ratio")
 
 
 def _fixed_shapes(model: object) -> dict[str, np.ndarray]:
-    """What of β, γ and γ/β is fixed, by name; numbered where the storeys have their own."""
-    found = {}
+    """Fixed ones among β, γ and γ/β, by name; numbered where storeys differ."""
+    fixed = {}
     for name in _SHAPES:
         value = getattr(model, name, None)
         if isinstance(value, (int, float)):
-            found[name] = np.array([float(value)])
+            fixed[name] = np.array([float(value)])
         elif isinstance(value, tuple):
-            found |= {f"{name}_{j}": np.array([float(v)]) for j, v in enumerate(value, start=1)}
-    return found
+            fixed |= {f"{name}_{j}": np.array([float(v)]) for j, v in enumerate(value, start=1)}
+    return fixed
 
 
 def _unstable_share_of(spring: str, values: Mapping[str, np.ndarray]) -> float:
@@ -139,7 +139,7 @@ def _unstable_share_of(spring: str, values: Mapping[str, np.ndarray]) -> float:
 
 
 def _plain(name: str) -> str:
-    """Name without the number of a storey."""
+    """Name without the storey number."""
     base, _, number = name.rpartition("_")
     return base if number.isdigit() else name
 

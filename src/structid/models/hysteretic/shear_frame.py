@@ -52,9 +52,9 @@ STOREY_PARAMETERS = (
     "delta_psi",
     "lambda_",
 )
-"""Parameters every storey has; `stiffness` names all storeys' at once, `stiffness_2` the second's."""
+"""Parameters of every storey; `stiffness` names all storeys' at once, `stiffness_2` the second's."""
 MOST_STOREYS = 200
-"""No building has more; a mistyped number would fill the memory with names."""
+"""Largest number of storeys; a mistyped number would fill the memory with names."""
 
 STOREY_CHANNELS = (
     "displacement",
@@ -68,7 +68,7 @@ STOREY_CHANNELS = (
     "elastic_energy",
     "absorbed_energy",
 )
-"""What may be recorded of every storey: ``drift_2`` is the second storey's; the restoring force is the storey's shear."""
+"""Channels of every storey: ``drift_2`` is the second storey's; the restoring force is the storey shear."""
 
 Storeys = float | Sequence[float] | None
 
@@ -154,8 +154,8 @@ class ShearFrame(TraceableModel):
             raise InputError("ShearFrame.storeys", f"{self.storeys!r}", f"a whole number, 1 to {MOST_STOREYS}")
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
             raise InputError("ShearFrame.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
-        known = ("damping_ratio", *STOREY_PARAMETERS, *(f"{n}_{j}" for n in STOREY_PARAMETERS for j in self._numbers))
-        object.__setattr__(self, "free", check_free("ShearFrame", self.free, known))
+        names = ("damping_ratio", *STOREY_PARAMETERS, *(f"{n}_{j}" for n in STOREY_PARAMETERS for j in self._numbers))
+        object.__setattr__(self, "free", check_free("ShearFrame", self.free, names))
         channels = ("base_shear", *(f"{c}_{j}" for c in STOREY_CHANNELS for j in self._numbers))
         object.__setattr__(self, "channels", check_channels("ShearFrame.channels", self.channels, channels))
         for name in STOREY_PARAMETERS:
@@ -176,7 +176,7 @@ class ShearFrame(TraceableModel):
         return range(1, self.storeys + 1)
 
     def _per_storey(self, name: str, value: Storeys) -> float | tuple[float, ...] | None:
-        """Return one float if all storeys share it (terms fixed at zero can then be left out), else a tuple."""
+        """Return one float if all storeys share it (terms fixed at zero can then be omitted), else a tuple."""
         if value is None:
             return None
         given = [value] * self.storeys if np.ndim(value) == 0 else list(value)  # type: ignore[arg-type]
@@ -196,7 +196,7 @@ class ShearFrame(TraceableModel):
         return numbered or name in self.free or getattr(self, name) is not None
 
     def _check_every_storey(self, name: str) -> None:
-        """Refuse a parameter that is free in some storeys and has no value for the others."""
+        """Refuse a parameter that is free in some storeys and missing in others."""
         numbered = [n for n in self.free if n in {f"{name}_{j}" for j in self._numbers}]
         if numbered and not self._given(name):
             raise InputError(
@@ -230,8 +230,8 @@ class ShearFrame(TraceableModel):
 
     def _named(self, name: str) -> bool:
         """Whether a parameter is given, for all storeys or for one."""
-        own = {name, *(f"{name}_{j}" for j in self._numbers)}
-        return getattr(self, name) is not None or bool(own & set(self.free))
+        names = {name, *(f"{name}_{j}" for j in self._numbers)}
+        return getattr(self, name) is not None or bool(names & set(self.free))
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -243,11 +243,13 @@ class ShearFrame(TraceableModel):
             value: Any = column.get(name, getattr(self, name))
             if isinstance(value, tuple):
                 value = jnp.array(value)[:, None]
-            own = [j for j in self._numbers if f"{name}_{j}" in column]
-            if own:
+            numbered = [j for j in self._numbers if f"{name}_{j}" in column]
+            if numbered:
                 base = 0.0 if value is None else value
                 rows = jnp.broadcast_to(base, (self.storeys, theta.shape[0]))
-                value = rows.at[jnp.array([j - 1 for j in own])].set(jnp.stack([column[f"{name}_{j}"] for j in own]))
+                value = rows.at[jnp.array([j - 1 for j in numbered])].set(
+                    jnp.stack([column[f"{name}_{j}"] for j in numbered])
+                )
             values[name] = value
         if values["gamma"] is None:
             values["gamma"] = values["gamma_ratio"] * values["beta"]
@@ -304,8 +306,8 @@ class ShearFrame(TraceableModel):
         """
         shape = (self.storeys, len(theta))
         drift, force = (np.broadcast_to(v, shape) for v in yield_point(self._values(theta)))
-        found = {f"yield drift of storey {j}": DerivedQuantity(drift[j - 1], "mm") for j in self._numbers}
-        return found | {f"yield force of storey {j}": DerivedQuantity(force[j - 1], "kN") for j in self._numbers}
+        quantities = {f"yield drift of storey {j}": DerivedQuantity(drift[j - 1], "mm") for j in self._numbers}
+        return quantities | {f"yield force of storey {j}": DerivedQuantity(force[j - 1], "kN") for j in self._numbers}
 
     def check_priors(self, space: ParameterSpace) -> None:
         """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
@@ -383,7 +385,7 @@ class ShearFrame(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return "shear frame"
 
     def recording(self, *channels: str) -> ShearFrame:
@@ -431,13 +433,13 @@ class ShearFrame(TraceableModel):
 
 
 def _frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Natural frequencies [Hz] of storeys of these stiffnesses under floors of these masses, rising."""
+    """Natural frequencies [Hz] of storeys of these stiffnesses and floor masses, ascending."""
     matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
     return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
 
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
-    """Every parameter name of a frame with this many storeys."""
+    """All parameter names of a frame."""
     storeys = min(given["storeys"], MOST_STOREYS)  # more are refused where the frame is made
     numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, storeys + 1)]
     return ["damping_ratio", *STOREY_PARAMETERS, *numbered]

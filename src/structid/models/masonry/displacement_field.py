@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ("x", "y", "ux", "uy")
-"""Columns of a table, or datasets of an HDF5 file; ``time`` may be beside them."""
+"""Columns of a table or datasets of an HDF5 file; ``time`` is optional."""
 
 
 def von_mises_strain(strain_x: Any, strain_y: Any, shear: Any) -> Any:
-    """Von Mises' strain in the plane, ε_v = √(ε_x² − ε_x ε_y + ε_y² + ¾ γ_xy²).
+    """Von Mises strain in the plane, ε_v = √(ε_x² − ε_x ε_y + ε_y² + ¾ γ_xy²).
 
-    It is √(ε₁² − ε₁ ε₂ + ε₂²) of the principal strains: of a bar that is only stretched it is the strain itself.
+    It equals √(ε₁² − ε₁ ε₂ + ε₂²) of the principal strains; for a stretched bar it is the axial strain.
     """
     return np.sqrt(strain_x**2 - strain_x * strain_y + strain_y**2 + 0.75 * shear**2)
 
@@ -180,12 +180,12 @@ def _of_table(file: Path, unit: float) -> DisplacementField:
     columns = dict(zip(names, rows.T, strict=True))
     times, instant = np.unique(columns.get("time", np.zeros(len(rows))), return_inverse=True)
     (x, column), (y, row) = (np.unique(columns[name] * unit, return_inverse=True) for name in ("x", "y"))
-    place = (instant, row, column)
-    if len(np.unique(np.stack(place), axis=1).T) < len(rows):
+    index = (instant, row, column)
+    if len(np.unique(np.stack(index), axis=1).T) < len(rows):
         raise InputError(f"{file}", "a point that is given twice at one time", "each point once at each time")
     fields = np.full((2, len(times), len(y), len(x)), np.nan)
     for number, name in enumerate(("ux", "uy")):
-        fields[number][place] = columns[name] * unit
+        fields[number][index] = columns[name] * unit
     return DisplacementField(times, x, y, *fields)
 
 

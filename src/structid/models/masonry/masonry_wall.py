@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WATCHED = ("support_lost", "weakest_joint")
-"""Channels by which a run is judged."""
+"""Channels that show whether a run is valid."""
 CUTS = (4, 16, 64)
-"""Parts of a step in which a run is done again where its joints find no equilibrium."""
+"""Numbers of parts of a step with which a run is repeated where its joints find no equilibrium."""
 MOST_BLOCKS_IN_LANES = 40
-"""Walls of more blocks are run one by one, by sparse factors: tables of places and compiling grow with the wall."""
+"""Larger walls are run one at a time with sparse factorisation: tables and compile time grow with the wall."""
 
 
 @check_arguments
@@ -200,20 +200,23 @@ class MasonryWall(TraceableModel):
         law, dt = self._law(values), excitation.dt / stages.shape[1]
         at_rest = loaded(self.condensed, law, runs, values["damping_ratio"])
         step = stepping(self.condensed, law, at_rest, dt)
-        seen = WallChannels(self.condensed, self.channels, law, at_rest, dt)
+        histories = WallChannels(self.condensed, self.channels, law, at_rest, dt)
 
         def substep(carried: tuple[WallState, Works], stage: Any) -> tuple[tuple[WallState, Works], None]:
             state, works = carried
             after = step(state, stage[2])
-            return (after, seen.added(works, state, after, (stage[0], stage[2])) if seen.added_up else works), None
+            return (
+                after,
+                histories.added(works, state, after, (stage[0], stage[2])) if histories.added_up else works,
+            ), None
 
         def sample(carried: tuple[WallState, Works], row: Any) -> tuple[tuple[WallState, Works], Any]:
-            observed = seen.observe(*carried, row[0, 0])
+            observed = histories.observe(*carried, row[0, 0])
             if len(row) == 1:
                 return substep(carried, row[0])[0], observed
             return lax.scan(substep, carried, row)[0], observed
 
-        beginning = start(self.condensed, at_rest, stages[0, 0, 0]), seen.nothing(runs)
+        beginning = start(self.condensed, at_rest, stages[0, 0, 0]), histories.nothing(runs)
         return TimeLoop(beginning, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
 
     def run(
@@ -240,26 +243,26 @@ class MasonryWall(TraceableModel):
         """
         watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
-            found = self._one_by_one(theta, excitation, watched.channels, progress)
-            return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
-        found = TraceableModel.run(watched, theta, excitation, progress, map)
+            histories = self._one_by_one(theta, excitation, watched.channels, progress)
+            return judged(histories, self.mesh, self.step / CUTS[-1], self.channels)
+        histories = TraceableModel.run(watched, theta, excitation, progress, map)
         for cut in CUTS:
-            lost = np.flatnonzero(~found.done)
+            lost = np.flatnonzero(~histories.done)
             if not len(lost):
                 break
             finer = replace(watched, step=watched.step / cut)
-            found = with_rows(found, lost, TraceableModel.run(finer, theta[lost], excitation))
-        return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
+            histories = with_rows(histories, lost, TraceableModel.run(finer, theta[lost], excitation))
+        return judged(histories, self.mesh, self.step / CUTS[-1], self.channels)
 
     @cached_property
     def _watched(self) -> MasonryWall:
-        """The same wall, recording what its runs are judged by as well; kept, with what it has compiled."""
+        """The same wall that also records the channels by which runs are checked; cached with its compiled code."""
         return replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
 
     def _one_by_one(
         self, theta: np.ndarray, excitation: Excitation, channels: tuple[str, ...], progress: Progress | None
     ) -> Histories:
-        """Runs of a wall of too many blocks for lanes."""
+        """Runs of a wall with too many blocks for lanes."""
         values = [self._values(row[None]) for row in theta]
         of_runs = [{name: float(np.ravel(value)[0]) for name, value in of_run.items()} for of_run in values]
         laws = [(self._law(of_run), of_run["damping_ratio"]) for of_run in of_runs]
@@ -307,10 +310,12 @@ class MasonryWall(TraceableModel):
         moving = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.fixed)
         points = [f"u{direction}_node_{node}" for node in moving for direction in "xy"]
         row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=float).reshape(1, -1)
-        found = self.recording("drift", "base_shear", *points).simulate(row, excitation)
-        values = found.values[0, np.isfinite(found.values[0]).all(axis=1)]
+        histories = self.recording("drift", "base_shear", *points).simulate(row, excitation)
+        values = histories.values[0, np.isfinite(histories.values[0]).all(axis=1)]
         if not len(values):
-            raise InputError("MasonryWall.film", f"a run that never began: {found.reasons[0]}", "a wall that stands")
+            raise InputError(
+                "MasonryWall.film", f"a run that never began: {histories.reasons[0]}", "a wall that stands"
+            )
         displacements = np.zeros((len(values), len(mesh.nodes), 2))
         displacements[:, moving] = values[:, 2:].reshape(len(values), -1, 2)
         return WallFilm(mesh, excitation.dt, displacements, values[:, 0], values[:, 1])
@@ -374,7 +379,7 @@ class MasonryWall(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """What an engineer would call it."""
+        """Name of the model in an engineer's words."""
         return "masonry wall"
 
     def recording(self, *channels: str) -> MasonryWall:

@@ -1,4 +1,4 @@
-"""How a run of a wall ends before its record: joints that find no equilibrium, and joints that lose what lies on them."""
+"""How a run of a wall ends early: joints without equilibrium, and joints that lose their support."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.models.masonry.finite_elements.mesh import Mesh
 
 
 def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histories:
-    """Put runs that were done again, and went further, in the place of the first ones."""
+    """Replace runs by their repetitions where these went further."""
     further = again.done | (np.nan_to_num(again.failure_time) > all_runs.failure_time[rows])
     values, status, time = all_runs.values.copy(), all_runs.status.copy(), all_runs.failure_time.copy()
     reasons = list(all_runs.reasons)
@@ -24,7 +24,7 @@ def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histor
 
 
 def judged(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, ...]) -> Histories:
-    """Say of every run that ended early why it did, and leave the channels that were only watched out."""
+    """Add to every run that ended early its reason, and drop the channels recorded for checks only."""
     lost, weakest = found.channel("support_lost"), found.channel("weakest_joint")
     values = found.values[:, :, [found.channels.index(c) for c in channels]].copy()
     status, time, reasons = found.status.copy(), found.failure_time.copy(), list(found.reasons)

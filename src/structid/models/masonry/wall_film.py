@@ -1,4 +1,4 @@
-"""The motion of a whole wall in one run: its pictures at instants and milestones, its film, its files."""
+"""Motion of a whole wall in one run: pictures at instants and milestones, film, files."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MILESTONES = 5
-"""Instants that a picture is made of."""
+"""Number of instants shown."""
 GRID = 0.025
-"""Step [m] of the grid on which a wall's displacements are looked at as a camera would."""
+"""Step [m] of the grid on which displacements are evaluated like those of a camera."""
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class WallFilm:
-    """The motion of every node of a wall in one run."""
+    """Motion of every node of a wall in one run."""
 
     mesh: Mesh  # The wall
-    dt: float  # Step of the samples [s]
+    dt: float  # time step [s]
     # From the unloaded wall [m]; as far as the run goes
     displacements: Float[np.ndarray, "time node 2"] = field(repr=False)
-    drift: Float[np.ndarray, " time"] = field(repr=False)  # Of the top left corner from rest [m]; [N]
-    base_shear: Float[np.ndarray, " time"] = field(repr=False)  # Of the top left corner from rest [m]; [N]
+    drift: Float[np.ndarray, " time"] = field(repr=False)  # of the top left corner from rest [m]
+    base_shear: Float[np.ndarray, " time"] = field(repr=False)  # [N]
 
     @property
     def time(self) -> np.ndarray:
@@ -55,15 +55,15 @@ class WallFilm:
         """Opening and slip of every joint [m], shape (time, joint, 2)."""
         ground = np.zeros((len(self.displacements), 1, 2))
         u = np.concatenate([self.displacements, ground], axis=1)  # the last one is node −1, the ground
-        found = np.empty((len(u), len(self.mesh.joints), 2))
+        jumps = np.empty((len(u), len(self.mesh.joints), 2))
         for number, joint in enumerate(self.mesh.joints):
             jump = _on_face(u, joint, joint.upper) - _on_face(u, joint, joint.lower)
             n = np.array(joint.normal)
-            found[:, number, 0], found[:, number, 1] = jump @ n, jump @ np.array([n[1], -n[0]])
-        return found
+            jumps[:, number, 0], jumps[:, number, 1] = jump @ n, jump @ np.array([n[1], -n[0]])
+        return jumps
 
     def milestones(self, count: int = MILESTONES) -> list[int]:
-        """Choose the instants that tell most: the largest excursions of the drift, one of each swing to a side."""
+        """Choose the most informative instants: the largest drift of each swing."""
         swings = np.split(np.arange(len(self.drift)), np.flatnonzero(np.diff(np.sign(self.drift))) + 1)
         extremes = [int(s[np.argmax(np.abs(self.drift[s]))]) for s in swings if len(s)]
         extremes = [i for i in extremes if self.drift[i]]
@@ -104,7 +104,7 @@ class WallFilm:
         scale: float | None = None,
         save: str | os.PathLike[str] | None = None,
     ) -> Figure:
-        """Draw the deformed wall, its joints coloured by how far they are open."""
+        """Draw the deformed wall with its joints coloured by their opening."""
         from structid.figures import wall as figures
 
         chosen = self.milestones() if instants is None else list(instants)
@@ -132,12 +132,12 @@ class WallFilm:
     def plot_strains(
         self, instants: Sequence[int] | None = None, step: float = GRID, save: str | os.PathLike[str] | None = None
     ) -> Figure:
-        """Draw maps of von Mises' strain, as a camera sees it: an open joint is a line of large strain."""
+        """Draw maps of von Mises strain as a camera sees it; an open joint is a line of large strain."""
         return self.displacement_field(instants, step).plot(save=save)
 
     @check_arguments
     def animate(self, path: str | os.PathLike[str], frames: int = 100, per_second: int = 20) -> Path:
-        """Write a film of the deformed wall, with its drift below it."""
+        """Write a film of the deformed wall, with its drift below."""
         from structid.figures import wall_film as figures
 
         chosen = np.unique(np.linspace(0, len(self.drift) - 1, frames).round().astype(int))
@@ -156,7 +156,7 @@ class WallFilm:
 
     @check_arguments
     def to_vtu(self, folder: str | os.PathLike[str], instants: Sequence[int] | None = None) -> Path:
-        """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which names them with their times.
+        """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which lists them with their times.
 
         Blocks are quadrilaterals with von Mises' strain in their middle, joints are points with opening and slip.
         """
@@ -177,7 +177,7 @@ class WallFilm:
         ]
         lines = []
         for number, i in enumerate(chosen):
-            moved = np.concatenate([self.since_rest[i], self._of_joints(int(i))])
+            displacements = np.concatenate([self.since_rest[i], self._of_joints(int(i))])
             none = np.zeros(len(self.mesh.blocks))
             jumps = {
                 name: [none, self.jumps[i, :, column]] for column, name in enumerate(("joint opening", "joint slip"))
@@ -186,7 +186,7 @@ class WallFilm:
             meshio.Mesh(
                 np.pad(points, ((0, 0), (0, 1))),
                 cells,
-                point_data={"displacement": np.pad(moved, ((0, 0), (0, 1)))},
+                point_data={"displacement": np.pad(displacements, ((0, 0), (0, 1)))},
                 cell_data={"von Mises strain": strain, **jumps},
             ).write(folder / f"wall_{number:04d}.vtu")
             lines.append(f'<DataSet timestep="{self.time[i]:.9g}" file={quoteattr(f"wall_{number:04d}.vtu")}/>')
@@ -200,29 +200,29 @@ class WallFilm:
         return np.array([_on_face(u, joint, joint.lower) for joint in self.mesh.joints])
 
     def _strain_of_blocks(self, instant: int) -> np.ndarray:
-        """Von Mises' strain in the middle of every block, shape (block,)."""
-        found = []
+        """Von Mises strain in the middle of every block, shape (block,)."""
+        strains = []
         for nodes in self.mesh.blocks:
             b, _ = strain_matrix(self.mesh.nodes[nodes], 0.0, 0.0)
-            found.append(von_mises_strain(*(b @ self.since_rest[instant][nodes].ravel())))
-        return np.array(found)
+            strains.append(von_mises_strain(*(b @ self.since_rest[instant][nodes].ravel())))
+        return np.array(strains)
 
 
 def _on_face(u: np.ndarray, joint: Joint, face: tuple[int, int]) -> np.ndarray:
-    """Displacements of one side of a joint, of those of the nodes (..., node, 2)."""
+    """Displacements of one side of a joint, interpolated from its nodes (..., node, 2)."""
     return np.asarray(joint.weights[0] * u[..., face[0], :] + joint.weights[1] * u[..., face[1], :])
 
 
 def _between(length: float, step: float) -> np.ndarray:
-    """Middles of equal parts of a length that are not longer than a step."""
+    """Midpoints of equal parts of a length, none longer than a step."""
     parts = int(np.ceil(length / step - 1e-9))
     return (np.arange(parts) + 0.5) * length / parts
 
 
 def _faces(mesh: Mesh) -> np.ndarray:
     """For every joint the block and the two corners of its upper face, shape (joint, 3)."""
-    found = []
+    faces = []
     for joint in mesh.joints:
         block = joint.upper[0] // 4
-        found.append((block, joint.upper[0] - 4 * block, joint.upper[1] - 4 * block))
-    return np.array(found)
+        faces.append((block, joint.upper[0] - 4 * block, joint.upper[1] - 4 * block))
+    return np.array(faces)

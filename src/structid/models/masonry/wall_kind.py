@@ -1,4 +1,4 @@
-"""A masonry wall by the words of a study file."""
+"""A masonry wall in a study file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ WALL_KEYS: dict[str, tuple[Any, Any]] = {
     "course_height": (Metres, None),
     "block_length": (Metres, None),
 }
-"""Keys of `Wall`. Where neither openings nor courses are given, they are those of the source's façade."""
+"""Keys of `Wall`. Without openings and courses, those of the thesis's façade apply."""
 
 MASONRY_KEYS: dict[str, tuple[Any, Any]] = {
     "modulus": (quantity("Pa"), 4.21e9),
@@ -57,8 +57,8 @@ def _wall(given: dict[str, Any]) -> Wall:
         raise InputError("keys 'courses' and 'course_height'", "both", "one of the two", "Remove one.")
     if given.get("course_height") is not None:
         size["course_height"] = given["course_height"]
-    own = sections is not None or given.get("course_height") is not None
-    courses = given.get("courses", None if own else FACADE.courses)
+    other_wall = sections is not None or given.get("course_height") is not None
+    courses = given.get("courses", None if other_wall else FACADE.courses)
     return Wall(**size, openings=openings, courses=courses, block_length=given.get("block_length"))
 
 

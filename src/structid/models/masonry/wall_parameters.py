@@ -1,4 +1,4 @@
-"""Parameters of a wall that may be unknown: their units, and what their values and priors may be."""
+"""Parameters of a wall that may be unknown: their units, and checks of values and priors."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ PARAMETER_UNITS: Mapping[str, str] = {
     "friction": "",
     "damping_ratio": "",
 }
-"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, μ, ζ."""
+"""SI units of φ_n, σ_max, φ_t, τ_max, μ, ζ."""
 OPTIONAL = ("friction", "damping_ratio")
-"""Those that have a value where nothing is said, and may be zero."""
+"""Parameters with a default value, which may be zero."""
 
 
 def check_value(name: str, value: Any) -> None:
-    """Refuse a value that a parameter cannot have."""
+    """Refuse an invalid value of a parameter."""
     where = f"MasonryWall.{name}"
     if value is None:
         raise InputError(
@@ -38,7 +38,7 @@ def check_value(name: str, value: Any) -> None:
 
 
 def check_priors_of(free: tuple[str, ...], space: ParameterSpace) -> None:
-    """Refuse priors in another unit, or of values that are not positive."""
+    """Refuse priors in a wrong unit or with values that are not positive."""
     for name in set(free) & set(space.names):
         if unit := space.marginals[name].unit:
             factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")

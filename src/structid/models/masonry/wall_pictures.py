@@ -1,4 +1,4 @@
-"""Pictures of a wall: its mesh with what is on it, and those that stand in a report."""
+"""Pictures of a wall: its mesh with loads and supports, and those in a report."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PATH = (0.0, 2.0, 0.0, 6.0)
-"""Jumps of a joint whose law is drawn, in characteristic lengths: there, back, and on."""
+"""Jumps along which a joint law is drawn, in characteristic lengths: loading, unloading, reloading."""
 CLOSURE = 0.6
-"""How far such a joint is closed at first, likewise."""
+"""Initial closure of that joint, in the same unit."""
 PATH_POINTS = 121
-"""Points of each part of that path."""
+"""Points on each part of that path."""
 
 FRAMES = 60
-"""Of the film in a report."""
+"""Frames of the film in a report."""
 
 
 def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.PathLike[str] | None = None) -> Figure:
@@ -36,15 +36,15 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
     mesh, masonry = assembly.mesh, assembly.masonry
     loads: dict[tuple[float, float], float] = {}  # neighbouring blocks have their loads at one place
     for node, share in assembly.beam_shares(everywhere=False):
-        place = float(mesh.nodes[node, 0]), float(mesh.nodes[node, 1])
-        loads[place] = loads.get(place, 0.0) + 1e-3 * masonry.vertical_load * share
+        point = float(mesh.nodes[node, 0]), float(mesh.nodes[node, 1])
+        loads[point] = loads.get(point, 0.0) + 1e-3 * masonry.vertical_load * share
     nodes = dict.fromkeys(point_of(mesh, channel)[0] for channel in (*channels, "ux_top_left") if is_point(channel))
     return figures.mesh(
         mesh.nodes[mesh.blocks],
         np.array([joint.place for joint in mesh.joints]).reshape(-1, 2),
         mesh.nodes[mesh.bars],
         mesh.nodes[mesh.fixed],
-        [(*place, force) for place, force in loads.items()],
+        [(*point, force) for point, force in loads.items()],
         [(f"node {node}", *mesh.nodes[node]) for node in nodes],
         f"{len(mesh.blocks)} blocks, {len(mesh.nodes)} nodes, {len(mesh.free)} degrees of freedom; "
         f"{1e-3 * masonry.upper_mass:g} t on the beam",
@@ -53,7 +53,7 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
 
 
 def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw tractions of a joint against its opening and its slip, which goes back to zero once on its way."""
+    """Draw tractions of a joint against opening and slip, with one unloading to zero."""
     from structid.figures import wall as figures
 
     of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
@@ -74,14 +74,14 @@ def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] 
 
 
 def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tuple[np.ndarray, np.ndarray]:
-    """T_n and T_t [Pa] along a path of jumps, step by step, as a joint remembers."""
-    memory, found = np.zeros((joint.memories, 1)), []
+    """T_n and T_t [Pa] along a path of jumps, step by step with memory."""
+    memory, tractions = np.zeros((joint.memories, 1)), []
     for jumps in zip(*np.broadcast_arrays(opening, slip), strict=True):
         at = tuple(np.array([jump]) for jump in jumps)
         response = joint.respond(law, memory, *at)
-        found.append((response.normal[0], response.tangential[0]))
+        tractions.append((response.normal[0], response.tangential[0]))
         memory = joint.remembered(law, memory, *at)
-    normal, tangential = np.array(found).T
+    normal, tangential = np.array(tractions).T
     return normal, tangential
 
 

@@ -1,4 +1,4 @@
-"""Sections with their figures drawn: files in a folder, and what a page takes of them."""
+"""Sections with drawn figures: files in a folder, and their representation on a page."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from structid.report.section import Picture, Section
 
 @dataclass(frozen=True)
 class DrawnPicture:
-    """A picture as a page takes it."""
+    """A picture on a page."""
 
-    name: str  # Of its file, and what it shows
-    caption: str  # Of its file, and what it shows
-    source: str  # The picture itself, as a data URL
-    alternative: str  # What there is to see, for somebody who does not see it
-    panels: str  # JSON of the panels from which values can be read off; an empty list for a film
-    share: float = 1.0  # Of a full figure's width
+    name: str  # file name
+    caption: str  # caption
+    source: str  # the picture itself, as a data URL
+    alternative: str  # description for readers who cannot see it
+    panels: str  # JSON of the panels from which values can be read; an empty list for a film
+    share: float = 1.0  # width relative to a full figure
 
 
 @dataclass(frozen=True)
 class DrawnSection:
-    """A section whose figures have been drawn."""
+    """A section with drawn figures."""
 
     section: Section[Any]
     pictures: tuple[DrawnPicture, ...]  # Its figures
@@ -60,17 +60,19 @@ def draw(
 
 
 def _written(picture: Picture, begun: Future[Rendered] | None, renderer: Renderer, folder: Path) -> DrawnPicture:
-    """Write a picture into a folder, as SVG, or as GIF if it is a film."""
+    """Write a picture to a folder, as SVG, or as GIF if it is a film."""
     if begun is None or isinstance(picture.drawn, Film):
         assert isinstance(picture.drawn, Film)
         path = folder / f"{picture.name}.gif"
         picture.drawn.write(path)
         return DrawnPicture(picture.name, picture.caption, _url("gif", path.read_bytes()), picture.caption, "[]")
-    content, found = renderer.end(picture.drawn, begun)
+    content, result = renderer.end(picture.drawn, begun)
     write_then_rename(folder / f"{picture.name}.svg", content.encode())
-    told = json.dumps([asdict(panel) for panel in found])
+    panels_as_text = json.dumps([asdict(panel) for panel in result])
     share = min(1.0, round(float(picture.drawn.get_figwidth()) / WIDTH, 3))
-    return DrawnPicture(picture.name, picture.caption, _url("svg+xml", content.encode()), _in_words(found), told, share)
+    return DrawnPicture(
+        picture.name, picture.caption, _url("svg+xml", content.encode()), _in_words(result), panels_as_text, share
+    )
 
 
 def _url(kind: str, content: bytes) -> str:
@@ -78,9 +80,9 @@ def _url(kind: str, content: bytes) -> str:
 
 
 def _in_words(found: Sequence[Panel]) -> str:
-    """What the panels of a figure show: what over what."""
-    said = dict.fromkeys(filter(None, map(_of_a_panel, found)))
-    return f"Figure of {len(found)} panel{'s' * (len(found) != 1)}: {'; '.join(said) or 'without names'}."
+    """Describe the panels of a figure: what is plotted over what."""
+    descriptions = dict.fromkeys(filter(None, map(_of_a_panel, found)))
+    return f"Figure of {len(found)} panel{'s' * (len(found) != 1)}: {'; '.join(descriptions) or 'without names'}."
 
 
 def _of_a_panel(panel: Panel) -> str:

@@ -1,6 +1,6 @@
-"""Turns figures into SVG in a process of its own, while the next ones are computed.
+"""Rendering of figures as SVG in a separate process, while the next ones are computed.
 
-A page's figures take half as long to be made into pictures as to be computed, and matplotlib does both with one core.
+Rendering a page's figures takes half as long as computing them, and matplotlib does both on one core.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rendered = tuple[str, list[Panel]]
-"""A figure as SVG, and the panels from which values can be read off."""
+"""A figure as SVG, and the panels from which values can be read."""
 
 
 def rendered(figure: Figure) -> Rendered:
-    """Make a figure into a picture."""
+    """Render a figure."""
     drawn = svg(figure)  # which settles where the panels are
     return drawn, panels(figure)
 
 
 class Renderer:
-    """A child process that makes figures into pictures, one after the other. To be used as a context.
+    """A child process that renders figures one after another; used as a context.
 
-    A figure is sent as a pickle. One that cannot be sent, and all of them if the child has died, are made into pictures here.
+    A figure is sent as a pickle. One that cannot be sent, and all of them if the child has died, are rendered here.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Renderer:
             self._child.communicate()
 
     def begin(self, figure: Figure) -> Future[Rendered]:
-        """Begin with a figure."""
+        """Start rendering a figure."""
         try:
             content = pickle.dumps(figure)
         except (pickle.PicklingError, AttributeError, TypeError) as problem:
@@ -79,7 +79,7 @@ class Renderer:
 
 
 def _serve(figures: IO[bytes], pictures: IO[bytes]) -> None:
-    """Answer every figure with its picture, until there are no more; None for one that cannot be made into one."""
+    """Answer every figure with its picture until there are no more; None for one that cannot be rendered."""
     while True:
         answer: Any = None
         try:

@@ -1,4 +1,4 @@
-"""Figures as vector drawings for a page: SVG text, and where its panels lie, so that values can be read off."""
+"""Figures as vector drawings for a page: SVG text, and the positions of its panels, so that values can be read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCALES = ("linear", "log")
-"""Scales of axes from which values are read off."""
+"""Axis scales that allow reading values."""
 
 _SETTINGS = {"svg.fonttype": "path", "svg.hashsalt": "structid", "svg.image_inline": True}
 _PATH = re.compile(r' d="[^"]*"')
@@ -23,17 +23,17 @@ _NUMBER = re.compile(r"(\.\d\d)\d+")
 
 @dataclass(frozen=True)
 class Panel:
-    """Where a panel lies in its figure, and what its edges are worth."""
+    """Position of a panel in its figure, and the values at its edges."""
 
-    left: float  # In shares of the figure's width and height, from its upper left corner
-    top: float  # In shares of the figure's width and height, from its upper left corner
-    width: float  # In shares of the figure's width and height, from its upper left corner
-    height: float  # In shares of the figure's width and height, from its upper left corner
-    x: tuple[float, float]  # Values at the left and right, and at the lower and upper edge
-    y: tuple[float, float]  # Values at the left and right, and at the lower and upper edge
-    logarithmic: tuple[bool, bool]  # Whether the axes of x and y are
-    names: tuple[str, str]  # Labels of the two axes
-    title: str  # Of the panel
+    left: float  # relative to the figure's width, from its upper left corner
+    top: float  # relative to the figure's height
+    width: float  # relative to the figure's width
+    height: float  # relative to the figure's height
+    x: tuple[float, float]  # values at the left and right edge
+    y: tuple[float, float]  # values at the lower and upper edge
+    logarithmic: tuple[bool, bool]  # whether the axes of x and y are logarithmic
+    names: tuple[str, str]  # labels of the two axes
+    title: str  # title of the panel
 
 
 @styled
@@ -48,7 +48,7 @@ def svg(figure: Figure) -> str:
 
 
 def panels(figure: Figure) -> list[Panel]:
-    """Say where the panels of a figure lie that has been drawn."""
+    """Positions of the panels of a drawn figure."""
     return [_panel(axes) for axes in figure.axes if _is_readable(axes)]
 
 
@@ -81,7 +81,7 @@ def _ends(limits: Any) -> tuple[float, float]:
 
 
 def _shared(axes: Axes, which: str) -> str:
-    """Label of an axis, or that of a panel it is shared with: of panels in a column only the lowest is labelled."""
+    """Label of an axis, or of the panel it is shared with: in a column only the lowest panel is labelled."""
     group = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
     labels = [getattr(each, f"get_{which}label")() for each in (axes, *group)]
     return next((label for label in labels if label), "")

@@ -1,1 +1,1 @@
-"""What the sections of a report are made from."""
+"""The data from which the sections of a report are made."""

@@ -1,4 +1,4 @@
-"""What a certificate of somebody's draws leaves for its report."""
+"""Data of the report on a certificate of external draws."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from structid.certification.certificate import Certificate
 class CertificateMaterial:
     """A certificate, and the units in which it is shown."""
 
-    title: str  # Title, and the study file's text
-    settings: str  # Title, and the study file's text
-    source: str  # Where the draws came from
-    certificate: Certificate  # The verdict and its figures
-    names: tuple[str, ...]  # Parameters
+    title: str  # title
+    settings: str  # text of the study file
+    source: str  # source of the draws
+    certificate: Certificate  # the certificate
+    names: tuple[str, ...]  # parameters
     units: tuple[str, ...]  # Display unit of every parameter
     factors: Float[np.ndarray, " parameter"]  # SI value of one display unit

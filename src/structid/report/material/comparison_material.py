@@ -1,4 +1,4 @@
-"""What finished studies of one measurement leave for a comparison."""
+"""Data of a comparison of finished studies of one measurement."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from structid.report.material.material import PosteriorMaterial
 class ComparedClass:
     """One model class."""
 
-    figures: ModelClass  # Its evidence, and how well it predicts
-    material: PosteriorMaterial  # What its calibration has left
-    predictions: tuple[Prediction, ...]  # Of each observation
+    figures: ModelClass  # its evidence and predictive density
+    material: PosteriorMaterial  # data of its calibration
+    predictions: tuple[Prediction, ...]  # predictions of each observation
 
     @property
     def name(self) -> str:
-        """Of the class, as a page shows it."""
+        """Name of the class on a page."""
         return self.figures.name
 
 
@@ -28,11 +28,11 @@ class ComparedClass:
 class ComparisonMaterial:
     """Model classes of one measurement."""
 
-    classes: tuple[ComparedClass, ...]  # Two or more, in the order in which they were given
+    classes: tuple[ComparedClass, ...]  # two or more, in the given order
 
     @property
     def comparison(self) -> Comparison:
-        """Their figures side by side."""
+        """Comparison of their figures."""
         return Comparison(tuple(one.figures for one in self.classes))
 
     @property
@@ -43,10 +43,10 @@ class ComparisonMaterial:
 
     @property
     def names(self) -> list[str]:
-        """Of the classes."""
+        """Names of the classes."""
         return [one.name for one in self.classes]
 
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """What was measured, the same for all classes."""
+        """The measurements, common to all classes."""
         return self.classes[0].material.observations

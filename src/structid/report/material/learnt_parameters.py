@@ -1,4 +1,4 @@
-"""What was learnt of each parameter of the model, as a reader asks: its value, its interval, and what was known before."""
+"""What was learnt of each model parameter: its value, its interval, and its prior interval."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from structid.report.tables import number
 INTERVAL = (0.05, 0.95)
 """Probabilities at the ends of an interval."""
 NORMAL = 1.645
-"""Standard deviations from the mean to the ends of such an interval of a normal law."""
+"""Standard deviations from the mean to the ends of such an interval of a normal distribution."""
 DIGITS = 4.0
-"""Part of an interval's width to which its ends are given, with two digits of it."""
+"""Fraction of an interval's width to which its ends are rounded, with two digits."""
 LITTLE = 1.4
-"""Times that an interval is narrower than the prior's at least, if the data say more than little."""
+"""Ratio of the prior's interval to the posterior's below which the data say little."""
 
 
 @dataclass(frozen=True)
 class LearntParameter:
-    """One parameter of the model, in its display unit."""
+    """One model parameter, in its display unit."""
 
-    name: str  # As in the study
+    name: str  # name in the study
     unit: str  # Display unit
     mean: float  # Of the posterior
     sd: float  # Of the posterior
-    interval: tuple[float, float]  # In which it lies with 90 % probability, given the model
+    interval: tuple[float, float]  # 90 % interval, given the model
     # The same for another record, where the parameters drift with time; None where they do not
     elsewhere: tuple[float, float] | None
-    prior: tuple[float, float]  # The prior's 90 % interval
-    truth: float | None  # Of a virtual experiment
+    prior: tuple[float, float]  # 90 % interval of the prior
+    truth: float | None  # true value of a virtual experiment
 
     @property
     def label(self) -> str:
@@ -42,12 +42,12 @@ class LearntParameter:
 
     @property
     def honest(self) -> tuple[float, float]:
-        """The interval that a reader should use: that for another record, where the model is wrong."""
+        """The interval to be used: that for another record, where the model is wrong."""
         return self.interval if self.elsewhere is None else self.elsewhere
 
     @property
     def narrowed(self) -> float:
-        """How many times narrower the interval is than the prior's, given the model."""
+        """Ratio of the prior's interval to the posterior's, given the model."""
         return self._narrowed(self.interval)
 
     @property
@@ -60,27 +60,27 @@ class LearntParameter:
 
     @property
     def holds_truth(self) -> bool | None:
-        """Whether the truth lies in the interval to be used; None where it is not known."""
+        """Whether the truth lies in the interval to be used; None where it is unknown."""
         return None if self.truth is None else self.honest[0] <= self.truth <= self.honest[1]
 
     def in_words(self, interval: tuple[float, float]) -> str:
-        """An interval with as many digits as it deserves."""
+        """An interval with appropriate digits."""
         low, high = interval
         return f"{number(low, (high - low) / DIGITS)} to {number(high, (high - low) / DIGITS)}"
 
     @property
     def value(self) -> str:
-        """The mean, with as many digits as the interval deserves."""
+        """The mean, with appropriate digits."""
         return number(self.mean, self.sd)
 
     @property
     def true_value(self) -> str:
-        """The truth, or a dash where it is not known."""
+        """The truth, or a dash where it is unknown."""
         return "–" if self.truth is None else f"{self.truth:.4g}"
 
     @property
     def bar(self) -> dict[str, float]:
-        """Places in a bar that spans the prior's interval, widened to hold everything [%]: prior, both intervals and truth."""
+        """Positions in a bar that spans the prior's interval, widened to hold everything [%]: prior, both intervals and truth."""
         inside = [*self.prior, *self.interval, *self.honest, *([] if self.truth is None else [self.truth])]
         first, span = min(inside), max(inside) - min(inside)
 
@@ -95,7 +95,7 @@ class LearntParameter:
 
     @property
     def told(self) -> str:
-        """How much the data say of it: how many times narrower the interval to be used is than the prior's."""
+        """Information of the data: how many times narrower the interval to be used is than the prior's."""
         times = self._narrowed(self.honest)
         if times < LITTLE:
             return "hardly"
@@ -103,39 +103,39 @@ class LearntParameter:
 
 
 def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
-    """Say what was learnt of each parameter of the model."""
+    """What was learnt of each model parameter."""
     posterior, summary = material.posterior, material.summary
     count = posterior.model_space.dimension
     space, factors = posterior.space, posterior.factors
     prior = space.quantile(np.repeat(np.array(INTERVAL)[:, None], space.dimension, axis=1)) / factors
     bounds = (space.bounds / factors[:, None])[:count]
-    found = []
-    for place, name in enumerate(posterior.names[:count]):
+    parameters = []
+    for index, name in enumerate(posterior.names[:count]):
         row = summary.names.index(name)
-        told = {key: float(values[row]) for key, values in summary.columns.items()}
+        figures = {key: float(values[row]) for key, values in summary.columns.items()}
         truth = material.true_values.get(name)
-        found.append(
+        parameters.append(
             LearntParameter(
                 name,
                 summary.units[row],
-                told["mean"],
-                told["sd"],
-                (told["q05"], told["q95"]),
-                _elsewhere(told, bounds[place]),
-                (float(prior[0, place]), float(prior[1, place])),
-                None if truth is None else float(truth / factors[place]),
+                figures["mean"],
+                figures["sd"],
+                (figures["q05"], figures["q95"]),
+                _elsewhere(figures, bounds[index]),
+                (float(prior[0, index]), float(prior[1, index])),
+                None if truth is None else float(truth / factors[index]),
             )
         )
-    return found
+    return parameters
 
 
-def _elsewhere(told: dict[str, float], bounds: np.ndarray) -> tuple[float, float] | None:
-    """The interval for another record: of a normal law with the sd and the drift together, within the prior's bounds.
+def _elsewhere(figures: dict[str, float], bounds: np.ndarray) -> tuple[float, float] | None:
+    """The interval for another record: normal, with the sd and the drift combined, within the prior's bounds.
 
-    It holds that of the measured record, which is of no normal law.
+    It includes the interval for the measured record, which need not be normal.
     """
-    if not told.get("sd_elsewhere", 0.0) > told["sd"]:
+    if not figures.get("sd_elsewhere", 0.0) > figures["sd"]:
         return None
-    ends = told["mean"] + NORMAL * told["sd_elsewhere"] * np.array([-1.0, 1.0])
+    ends = figures["mean"] + NORMAL * figures["sd_elsewhere"] * np.array([-1.0, 1.0])
     low, high = np.clip(ends, *bounds)
-    return min(float(low), told["q05"]), max(float(high), told["q95"])
+    return min(float(low), figures["q05"]), max(float(high), figures["q95"])

@@ -1,4 +1,4 @@
-"""What a study leaves for its report, and the simulations that several sections share."""
+"""Data of a study for its report, and simulations shared by several sections."""
 
 from __future__ import annotations
 
@@ -29,45 +29,45 @@ from structid.surrogates.base import Surrogate
 
 @dataclass(frozen=True, eq=False)
 class RunsMaterial:
-    """What a study without a measurement leaves."""
+    """Data of a study without a measurement."""
 
-    title: str  # Title, and the study file's text
-    settings: str  # Title, and the study file's text
-    runs: Runs | None  # The true runs
-    surrogate: Surrogate | None  # What was fitted to them
-    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)  # What runs over the priors tell
+    title: str  # title
+    settings: str  # text of the study file
+    runs: Runs | None  # model runs
+    surrogate: Surrogate | None  # surrogate fitted to them
+    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)  # results of runs over the priors
 
 
 @dataclass(frozen=True, eq=False)
 class PosteriorMaterial(RunsMaterial):
-    """What a calibration leaves."""
+    """Data of a calibration."""
 
-    result: SamplingResult  # Of a `Posterior`
+    result: SamplingResult  # result of sampling a `Posterior`
     # The posterior under the model itself, for channels and records that a surrogate does not know
     true_posterior: Posterior
-    searches: dict[str, OptimizeResult]  # Deterministic calibrations by method
-    raw_record: GroundMotion  # First record before and after processing
-    record: GroundMotion  # First record before and after processing
-    truths: tuple[Model | None, ...]  # For each observation the true model of a virtual experiment, or None
-    true_values: dict[str, float]  # True parameters in SI
-    other_records: tuple[GroundMotion, ...]  # Records to predict for
-    prediction_draws: int  # Draws of the bands
-    calibration: CalibrationResult | None = None  # Certificate and rounds, where the study asks for them
-    left_to_the_data: bool = False  # Whether the study lets the data choose the law of the errors
-    law_choice: LawChoice | None = None  # What they have chosen
-    fragility: Fragility | None = None  # The probability of a passage, given the data
-    predicted_channels: tuple[str, ...] = ()  # What is predicted for other records; empty for what was measured
-    loop: LoopLines | None = None  # Lines through a measured loop, of which priors were made
+    searches: dict[str, OptimizeResult]  # deterministic calibrations by method
+    raw_record: GroundMotion  # first record before processing
+    record: GroundMotion  # first record after processing
+    truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
+    true_values: dict[str, float]  # true parameters in SI
+    other_records: tuple[GroundMotion, ...]  # records to predict
+    prediction_draws: int  # number of draws of the bands
+    calibration: CalibrationResult | None = None  # certificate and rounds
+    left_to_the_data: bool = False  # whether the study lets the data choose the error model
+    law_choice: LawChoice | None = None  # the choice
+    fragility: Fragility | None = None  # probability of a passage, given the data
+    predicted_channels: tuple[str, ...] = ()  # channels predicted for other records; empty for the measured ones
+    loop: LoopLines | None = None  # lines through a measured loop, for priors
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior that was sampled."""
+        """The sampled posterior."""
         assert isinstance(self.result.target, Posterior)
         return self.result.target
 
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """What was measured."""
+        """The measurements."""
         return self.posterior.observations
 
     @property
@@ -87,19 +87,19 @@ class PosteriorMaterial(RunsMaterial):
 
     @property
     def weighted_draws(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """All draws in SI, shape (draw, parameter), and their weights where the certificate asks for them."""
+        """All draws in SI, shape (draw, parameter), and weights where the certificate provides them."""
         if self.calibration is not None and self.calibration.reweighted:
             return self.calibration.certificate.draws, self.calibration.certificate.weights
         return self.result.flat, None
 
     @cached_property
     def shared(self) -> dict[str, Any]:
-        """What a section simulates once for its tables and its figures, by a name of its own."""
+        """Cache of simulations that a section uses in tables and figures, by name."""
         return {}
 
     @cached_property
     def information(self) -> Identifiability | None:
-        """Fisher information at the MAP estimate, of a model with derivatives."""
+        """Fisher information at the MAP estimate, for a model with derivatives."""
         return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
 
     def suffix(self, index: int) -> str:
@@ -108,7 +108,7 @@ class PosteriorMaterial(RunsMaterial):
 
     @cached_property
     def true_loops(self) -> tuple[dict[str, np.ndarray], ...]:
-        """For each observation the loops of the true model by its springs' names, each (time, 3); empty where it is not known."""
+        """Loops of the true model for each observation, by spring, each (time, 3); empty where unknown."""
         return tuple(
             {}
             if truth is None
@@ -117,7 +117,7 @@ class PosteriorMaterial(RunsMaterial):
         )
 
     def completed(self, theta: Float[np.ndarray, " model_parameter"]) -> Float[np.ndarray, " parameter"]:
-        """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model."""
+        """Add nuisances and error-model parameters of the MAP estimate to model parameters."""
         return np.concatenate([theta, self.best[len(theta) :]])
 
 
@@ -128,6 +128,11 @@ def simulated_loops(
     loops = model.loop_channels
     if not loops:
         return {}
-    histories = model.recording(*(channel for own in loops.values() for channel in own)).simulate(parameters, record)
-    columns = {name: [histories.channels.index(channel) for channel in own] for name, own in loops.items()}
-    return {name: histories.values[:, :, own] for name, own in columns.items()}
+    histories = model.recording(
+        *(channel for channels_of_loop in loops.values() for channel in channels_of_loop)
+    ).simulate(parameters, record)
+    columns = {
+        name: [histories.channels.index(channel) for channel in channels_of_loop]
+        for name, channels_of_loop in loops.items()
+    }
+    return {name: histories.values[:, :, channels_of_loop] for name, channels_of_loop in columns.items()}

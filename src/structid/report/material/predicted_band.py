@@ -1,4 +1,4 @@
-"""A predicted response as a section draws it: the bands of its draws, computed once for all channels."""
+"""A predicted response for a section: the bands of its draws, computed once for all channels."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Edges = tuple[np.ndarray, np.ndarray]
 
 
 class PredictedBand:
-    """The bands of a prediction, with and without discrepancy, around the response of the MAP estimate."""
+    """The bands of a prediction, with and without errors, around the response of the MAP estimate."""
 
     def __init__(self, draws: Prediction, best: Float[np.ndarray, "time channel"]) -> None:
         self.draws, self.best = draws, best
@@ -31,7 +31,7 @@ class PredictedBand:
 
     @cached_property
     def outer(self) -> Edges:
-        """Edges of the 90 % band with discrepancy, each (time, channel) in SI."""
+        """Edges of the 90 % band with errors, each (time, channel) in SI."""
         return self.draws.band(discrepancy=True)
 
     def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:

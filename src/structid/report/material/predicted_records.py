@@ -1,4 +1,4 @@
-"""What a calibration predicts of records that were not measured, and the truth of a virtual experiment on them."""
+"""Predictions for unmeasured records, and the truth of a virtual experiment on them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from structid.report.tables import number
 class Peak(NamedTuple):
     """The largest response of a channel, in its display unit."""
 
-    channel: str  # The channel and its unit
-    unit: str  # The channel and its unit
-    low: float  # 5 %, 50 % and 95 % quantiles
-    median: float  # 5 %, 50 % and 95 % quantiles
-    high: float  # 5 %, 50 % and 95 % quantiles
-    truth: float | None  # That of a virtual experiment
+    channel: str  # channel
+    unit: str  # its unit
+    low: float  # 5 % quantile
+    median: float  # 50 % quantile
+    high: float  # 95 % quantile
+    truth: float | None  # true value of a virtual experiment
 
     @property
     def cells(self) -> list[str]:
-        """Quantiles, and the truth where it is known, as a table shows them."""
+        """Quantiles, and the truth if known, as table cells."""
         values = [self.low, self.median, self.high, *([] if self.truth is None else [self.truth])]
         return [number(value, self.high - self.low) for value in values]
 
@@ -41,13 +41,13 @@ class PredictedRecord:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What is predicted: what was measured, unless the study says otherwise."""
+        """Predicted channels: the measured ones by default."""
         measured = dict.fromkeys(channel for o in self._material.observations for channel in o.channels)
         return self._material.predicted_channels or tuple(measured)
 
     @cached_property
     def _posterior(self) -> Posterior:
-        """The sampled posterior, or the model's own where the surrogate knows only its own records or other channels."""
+        """The sampled posterior, or the model's own where the surrogate is restricted to its records or channels."""
         sampled, true = self._material.posterior, self._material.true_posterior
         return (
             first_that_takes(self.record, sampled, true) if set(self.channels) <= set(sampled.model.channels) else true
@@ -66,7 +66,7 @@ class PredictedRecord:
 
     @cached_property
     def truth(self) -> np.ndarray | None:
-        """What the structure of a virtual experiment does, shape (time, channel); None where it is not known."""
+        """Response of the true model of a virtual experiment, shape (time, channel); None where unknown."""
         model = self._material.truths[0]
         if model is None:
             return None
@@ -74,28 +74,28 @@ class PredictedRecord:
         return np.asarray(simulated.values[0])
 
     def inside(self, column: int) -> float | None:
-        """Share of the true history inside the outer 90 % band."""
+        """Fraction of the true history inside the outer 90 % band."""
         if self.truth is None:
             return None
         low, high = (edge[:, column] for edge in self.band.outer)
         return float(np.mean((self.truth[:, column] >= low) & (self.truth[:, column] <= high)))
 
     def peaks(self) -> list[Peak]:
-        """Give the largest response in each channel."""
-        draws, found = self.band.draws, []
+        """The largest response in each channel."""
+        draws, peaks = self.band.draws, []
         for column, channel in enumerate(draws.channels):
             unit = draws.units[channel].display
             by = factor(unit)
             low, median, high = np.quantile(draws.peaks[:, column] / by, [0.05, 0.5, 0.95])
             truth = None if self.truth is None else float(np.abs(self.truth[:, column]).max() / by)
-            found.append(Peak(channel, unit, float(low), float(median), float(high), truth))
-        return found
+            peaks.append(Peak(channel, unit, float(low), float(median), float(high), truth))
+        return peaks
 
 
 def predicted_records(material: PosteriorMaterial) -> list[PredictedRecord]:
-    """Give one for each other record of the study; whoever asks again gets the same ones."""
+    """Predictions for all other records of the study, computed once."""
     key = "other records"
     if key not in material.shared:
         material.shared[key] = [PredictedRecord(material, record) for record in material.other_records]
-    found: list[PredictedRecord] = material.shared[key]
-    return found
+    predictions: list[PredictedRecord] = material.shared[key]
+    return predictions

@@ -1,4 +1,4 @@
-"""What a programme of hybrid tests leaves for its report."""
+"""Data of a programme of hybrid tests for its report."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ BAND = (0.05, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class PredictedTest:
-    """What was predicted of a test, and what then happened."""
+    """Prediction of a test, and its actual course."""
 
-    name: str  # Of the test
-    time: Float[np.ndarray, " time"]  # Simulated time [s]
-    drifts: Float[np.ndarray, "draw time"]  # Predicted displacements of the specimen's first channel [m]
-    happened: Float[np.ndarray, " measured_time"]  # What they were [m]; shorter where the test ended before
-    failed: int = 0  # Draws whose run failed; they are not in `drifts`
-    reason: str = ""  # Why the first of them did
+    name: str  # name of the test
+    time: Float[np.ndarray, " time"]  # simulated time [s]
+    drifts: Float[np.ndarray, "draw time"]  # predicted displacements of the specimen's first channel [m]
+    happened: Float[np.ndarray, " measured_time"]  # actual ones [m]; shorter where the test ended early
+    failed: int = 0  # number of draws with a failed run, which are not in `drifts`
+    reason: str = ""  # reason of the first of them
 
     @cached_property
     def peaks(self) -> np.ndarray:
-        """Largest predicted displacements over the time that the test lasted, shape (draw,) [m]."""
+        """Largest predicted displacements during the test, shape (draw,) [m]."""
         return np.asarray(np.abs(self.drifts[:, : len(self.happened)]).max(axis=1))
 
     @property
     def peak(self) -> float:
-        """Largest displacement that happened [m]."""
+        """Largest actual displacement [m]."""
         return float(np.abs(self.happened).max())
 
     @property
@@ -48,36 +48,38 @@ class PredictedTest:
 
     @property
     def covered(self) -> bool:
-        """Whether the band of the largest displacement holds what happened."""
+        """Whether the band of the largest displacement contains the actual one."""
         low, high = self.band
         return low <= self.peak <= high
 
     @property
     def sentences(self) -> list[str]:
-        """The band beside what happened, and how many draws are not in it."""
-        said = []
+        """The band and the actual value, and the number of missing draws."""
+        sentences = []
         if len(self.drifts):
             low, high = (1e3 * edge for edge in self.band)
-            said.append(
+            sentences.append(
                 f"For test {self.name} a largest displacement of {low:.4g} to {high:.4g} mm was predicted (5 to 95 %); it was "
                 f"{1e3 * self.peak:.4g} mm. The band {'holds' if self.covered else 'does not hold'} it."
             )
         if self.failed:
             left = f"{self.failed} of {self.failed + len(self.drifts)} runs of the model failed for test {self.name}"
-            said.append(f"{left}: {self.reason}. " + ("The band is without them." if said else "It is not predicted."))
-        return said
+            sentences.append(
+                f"{left}: {self.reason}. " + ("The band is without them." if sentences else "It is not predicted.")
+            )
+        return sentences
 
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """What a test has taught of the specimen."""
+    """What was learnt of the specimen from a test."""
 
-    from_test: str  # The last test that was looked at
-    observation: Observation  # Forces against measured displacements of it and those before
-    result: SamplingResult  # The posterior
-    fitted: Float[np.ndarray, "time channel"] = field(repr=False)  # Forces at the most probable parameters [N]
-    prediction: PredictedTest | None  # Of a later test
-    calibration: CalibrationResult | None = None  # Certificate and rounds, where a surrogate was used
+    from_test: str  # the last test used
+    observation: Observation  # forces against measured displacements of it and earlier tests
+    result: SamplingResult  # the posterior
+    fitted: Float[np.ndarray, "time channel"] = field(repr=False)  # forces at the most probable parameters [N]
+    prediction: PredictedTest | None  # prediction of a later test
+    calibration: CalibrationResult | None = None  # certificate and rounds, if a surrogate was used
 
     @property
     def trusted(self) -> bool:
@@ -87,12 +89,12 @@ class Learnt:
 
 @dataclass(frozen=True, eq=False)
 class ProgrammeMaterial:
-    """What a programme leaves."""
+    """Data of a programme."""
 
-    title: str  # Title, and the text of its file
-    settings: str  # Title, and the text of its file
-    programme: ProgrammeResult  # The tests
-    learnt: Learnt | None = None  # What they have taught
+    title: str  # title
+    settings: str  # text of its file
+    programme: ProgrammeResult  # the tests
+    learnt: Learnt | None = None  # what was learnt
     # Parameters of a simulated specimen in SI, where the model that is learnt has them
     true_values: dict[str, float] = field(default_factory=dict)
 
@@ -105,5 +107,5 @@ class ProgrammeMaterial:
 
     @property
     def begun(self) -> dict[str, HybridResult]:
-        """Tests with a finished step."""
+        """Tests with a completed step."""
         return {name: test for name, test in self.programme.tests.items() if test.histories is not None}

@@ -1,1 +1,1 @@
-"""Build: from the words of a study file to records, priors, model, measurements, surrogate and sampler."""
+"""From the tables of a study file to records, priors, model, measurements, surrogate and sampler."""

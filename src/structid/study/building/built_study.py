@@ -1,4 +1,4 @@
-"""Everything a study needs to run."""
+"""A study that is ready to run."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 
 @dataclass(frozen=True, eq=False)
 class BuiltStudy:
-    """Everything a study needs to run."""
+    """A study that is ready to run."""
 
-    file: StudyFile  # What the file said
-    folder: Path  # Where its relative paths start
-    raw_record: GroundMotion  # The study's record as read, and after processing
-    record: GroundMotion  # The study's record as read, and after processing
-    space: ParameterSpace  # The model's unknown parameters
+    file: StudyFile  # content of the file
+    folder: Path  # base of relative paths
+    raw_record: GroundMotion  # the study's record as read
+    record: GroundMotion  # the same after processing
+    space: ParameterSpace  # unknown parameters of the model
     model: Model
-    campaign: Design | None  # Points of the true runs, if the study asks for them
-    campaign_records: tuple[GroundMotion, ...]  # What drives them, dealt out in turn
+    campaign: Design | None  # points of the model runs, if the study has a campaign
+    campaign_records: tuple[GroundMotion, ...]  # excitations of these runs, assigned in turn
     # Of the model's parameters and the discrepancy's; None for a study without an observation
     posterior: Posterior | None
-    sampler: Sampler  # Its settings
-    truths: tuple[Model | None, ...]  # For each observation the true model of a virtual experiment, or None
-    other_records: tuple[GroundMotion, ...]  # Records to predict for
-    plan: Plan | None  # How true runs are spent on a certified calibration, if the study asks for one
-    parameter_study: PlannedParameterStudy | None = None  # Runs over the priors, if the study asks for them
-    fragility: PlannedFragility | None = None  # Records of rising strength, if the study asks for a fragility
-    loop: LoopLines | None = None  # Lines through a measured loop, of which priors are made
+    sampler: Sampler  # settings of the sampler
+    truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
+    other_records: tuple[GroundMotion, ...]  # records to predict
+    plan: Plan | None  # budget of a certified calibration, if there is one
+    parameter_study: PlannedParameterStudy | None = None  # runs over the priors, if there are any
+    fragility: PlannedFragility | None = None  # records of increasing strength, if the study asks for a fragility
+    loop: LoopLines | None = None  # lines through a measured loop, for priors
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything the runs and the draws depend on."""
+        """Hash of everything on which runs and draws depend."""
         return digest(self.identity)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the runs and the draws depend on, part by part, so that it can be said which has changed."""
+        """Everything on which runs and draws depend, part by part, so that a change can be named."""
         parts: dict[str, Any] = {
             "model": self.model.content_hash,
             "parameters": self.space.content_hash,
@@ -69,8 +69,8 @@ class BuiltStudy:
             parts["discrepancy"] = AUTO if self.law_is_open else digest(self.posterior.law.describe())
             parts["sampler"] = digest(self.sampler.describe())
         if self.has_surrogate:
-            said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
-            parts["surrogate"] = digest(said)
+            settings_of_surrogate = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
+            parts["surrogate"] = digest(settings_of_surrogate)
         if self.plan is not None:
             parts["calibration"] = digest(self.plan.describe())
         if self.parameter_study is not None:
@@ -78,36 +78,36 @@ class BuiltStudy:
         return parts
 
     def working_in(self, folder: Path) -> BuiltStudy:
-        """Return the study with a folder for the files that runs of its model leave."""
+        """Return the study with a folder for the files of its model's runs."""
         model = self.model.working_in(folder)
         posterior = None if self.posterior is None else self.posterior.on(model)
         return self if model is self.model else replace(self, model=model, posterior=posterior)
 
     @property
     def law_is_open(self) -> bool:
-        """Whether the data are to choose the law of the errors."""
+        """Whether the data choose the error model."""
         return self.file.discrepancy.kind == AUTO
 
     @property
     def surrogate_kind(self) -> SurrogateKind | None:
-        """Kind of the surrogate, if one stands in for the model."""
+        """Kind of the surrogate, if there is one."""
         return kind_named(self.file.surrogate.kind, registry.KINDS) if self.has_surrogate else None
 
     @property
     def has_surrogate(self) -> bool:
-        """Whether a surrogate stands in for the model."""
+        """Whether a surrogate replaces the model."""
         return self.file.surrogate.kind != "none"
 
     @property
     def validation_runs(self) -> int:
-        """True runs that validate the surrogate: as many on each record for one that knows only its own."""
+        """Number of model runs that validate the surrogate: as many on each record for a restricted one."""
         section = self.file.surrogate
         each = self.surrogate_kind is not None and self.surrogate_kind.own_records
         return section.validation * (len(self.campaign_records) if each else 1)
 
     @property
     def sampled(self) -> Posterior:
-        """The posterior of a study that has an observation."""
+        """The posterior of a study with an observation."""
         assert self.posterior is not None
         return self.posterior
 

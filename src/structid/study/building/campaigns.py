@@ -1,4 +1,4 @@
-"""The true runs of a study: points, and the records that drive them."""
+"""The model runs of a study: points, and the records that drive them."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from structid.study.schema.study_file import StudyFile
 from structid.surrogates import surrogate_list as registry
 
 SURROGATE_RUNS = 500
-"""Number of true runs, for a study with a surrogate that does not give one."""
+"""Default number of model runs of a study with a surrogate."""
 
 SURROGATE_WIDENING = 2.0
-"""How much further than the prior the design of a surrogate reaches, in normal scores."""
+"""Factor by which the design of a surrogate is wider than the prior, in standard-normal coordinates."""
 
 
 def build_campaign(
     file: StudyFile, folder: Path, space: ParameterSpace, driven_by: tuple[GroundMotion, ...]
 ) -> tuple[Design | None, tuple[GroundMotion, ...]]:
-    """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'."""
+    """Draw the design of model runs, and read its records: the study's, and for a surrogate the observations'."""
     section, kind = file.campaign, file.surrogate.kind
     if file.calibration is not None or (section is None and kind == "none"):
         return None, ()

@@ -1,4 +1,4 @@
-"""Whether the parts of a study fit together."""
+"""Checks that the parts of a study fit together."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from structid.study.schema.study_file import StudyFile
 from structid.surrogates.surrogate_list import DEFAULT
 
 EXACT = 1e-9
-"""Difference of a response from the measured one, in parts of its peak, that is rounding alone."""
+"""Difference between response and measurement, relative to its peak, that is rounding alone."""
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
-    """Refuse what sampler, searches and surrogate would refuse, before a folder is taken."""
+    """Refuse what sampler, searches and surrogate would refuse, before a folder is created."""
     if study.posterior is None and study.campaign is None and study.parameter_study is None:
         raise InputError(
             "the file",
@@ -71,12 +71,12 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
 
 
 def check_tables(file: StudyFile) -> None:
-    """Refuse tables that do not go together, whatever is in them."""
+    """Refuse combinations of tables that exclude each other."""
     surrogate, calibrated = file.surrogate, file.calibration is not None
     unused = surrogate.model_fields_set - {"kind"} if surrogate.kind == "none" else set()
-    said = surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
-    own = "one of the two: a calibration does its own runs"
-    judged = "no such key: the certificate judges the surrogate"
+    keys_given = surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
+    advice_on_campaign = "one of the two: a calibration does its own runs"
+    advice_on_keys = "no such key: the certificate judges the surrogate"
     refusals = (
         (
             bool(unused),
@@ -96,12 +96,17 @@ def check_tables(file: StudyFile) -> None:
             "no [observation]",
             "a measurement to calibrate against",
         ),
-        (calibrated and file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
         (
-            calibrated and bool(said),
-            f"key 'surrogate.{min(said, default='')}'",
+            calibrated and file.campaign is not None,
+            "table 'campaign'",
+            "a campaign beside [calibration]",
+            advice_on_campaign,
+        ),
+        (
+            calibrated and bool(keys_given),
+            f"key 'surrogate.{min(keys_given, default='')}'",
             "it is given beside [calibration]",
-            judged,
+            advice_on_keys,
         ),
     )
     for wrong, where, came, allowed in refusals:
@@ -110,7 +115,7 @@ def check_tables(file: StudyFile) -> None:
 
 
 def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
-    """What fitting would refuse of its first design."""
+    """Refuse what a surrogate fit would refuse of the first design."""
     assert study.posterior is not None
     records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
     points = np.repeat(study.space.sample(plan.sizes[0], 0, "sobol").values, len(records), axis=0)
@@ -118,14 +123,14 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
 
 
 def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
-    """What fitting would refuse, reported before hours of true runs."""
+    """Refuse what a surrogate fit would refuse, before hours of model runs."""
     settings = surrogate_settings(study.file.surrogate)
     with within("tables 'surrogate' and 'campaign'"):
         settings.check(design, records, study.model.channels)
 
 
 def _check_noise(study: BuiltStudy, posterior: Posterior) -> None:
-    """Refuse exact data of a model that can be exactly right: the variance of its errors has no posterior but a spike at zero."""
+    """Refuse noise-free data of a model that can be exactly right: the error variance has no proper posterior."""
     without = [o.virtual is not None and o.virtual.noise == 0.0 for o in study.file.observation]
     true = study.true_values
     if not (any(without) and posterior.variances and study.model.batched and set(study.space.names) <= set(true)):

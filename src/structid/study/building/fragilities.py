@@ -1,4 +1,4 @@
-"""The fragility that a study file asks for: its records and its limit in SI."""
+"""The fragility of a study: its records, levels and limit in SI."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from structid.study.schema.study_file import StudyFile
 
 @dataclass(frozen=True)
 class PlannedFragility:
-    """What a fragility needs."""
+    """Settings of a fragility."""
 
-    records: tuple[GroundMotion, ...]  # What may come
-    levels: tuple[float, ...]  # Peak ground accelerations [m/s²] to which they are scaled
-    channel: str  # Whose absolute value passes
-    limit: float  # In SI
-    draws: int  # Of the posterior
-    surrogate: bool  # Whether a surrogate stands in for the model at most draws
-    training: int  # Draws it is fitted to, and draws that correct it
-    checks: int  # Draws it is fitted to, and draws that correct it
+    records: tuple[GroundMotion, ...]  # ground motions
+    levels: tuple[float, ...]  # peak ground accelerations [m/s²] to which they are scaled
+    channel: str  # channel whose absolute value passes the limit
+    limit: float  # in SI
+    draws: int  # number of posterior draws
+    surrogate: bool  # whether a surrogate replaces the model at most draws
+    training: int  # number of draws to which it is fitted
+    checks: int  # number of draws that correct it
 
 
 def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFragility | None:

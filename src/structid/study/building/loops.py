@@ -1,4 +1,4 @@
-"""The measured loop of which a study makes priors."""
+"""The measured loop from which a study derives priors."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ def build_loop(section: LoopSection | None, folder: Path) -> LoopLines | None:
     """Fit two lines to the measured loop of a study."""
     if section is None:
         return None
-    said = section.model_dump(exclude={"file"})
+    settings = section.model_dump(exclude={"file"})
     with within("table 'loop'"):
-        return LoopLines.read(folder / section.file, **said)
+        return LoopLines.read(folder / section.file, **settings)

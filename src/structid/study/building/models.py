@@ -1,4 +1,4 @@
-"""The model of a study. Its free parameters are those that it knows and the space has."""
+"""The model of a study. Its free parameters are those that both the model and the space have."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def build_model(
     given = _given(section)
     if kind.parameters is None:
         return kind.build(ModelRequest(given, space, (), channels, folder))
-    known = kind.parameters(given)
-    _check_parameters(kind, known, given, space, derived)
-    free = tuple(name for name in space.all_names if name in known)
+    parameters = kind.parameters(given)
+    _check_parameters(kind, parameters, given, space, derived)
+    free = tuple(name for name in space.all_names if name in parameters)
     with within("table 'model'"):
         return kind.build(ModelRequest(given, space, free, channels, folder))
 
 
 def _given(section: ModelSection) -> dict[str, Any]:
-    """Keys of the table that have a value."""
+    """Keys of the table with a value."""
     return {key: value for key, value in section.model_dump(exclude={"type"}).items() if value is not None}
 
 
@@ -56,6 +56,6 @@ def _check_parameters(
 
 
 def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -> Model:
-    """Build the true model of a virtual experiment, all of whose parameters are known."""
+    """Build the true model of a virtual experiment, which has no free parameters."""
     kind = kind_named(section.type, model_list.MODELS)
     return kind.build(ModelRequest(_given(section), ParameterSpace(), (), channels, folder))

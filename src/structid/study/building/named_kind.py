@@ -1,4 +1,4 @@
-"""What every table of a study file that names a kind has in common."""
+"""Common handling of tables that name a kind."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from structid.core.errors import InputError
 
 
 class Named(Protocol):
-    """A kind of model, surrogate, law or sampler."""
+    """A kind of model, surrogate, error model or sampler."""
 
     @property
     def word(self) -> str:
-        """What a study file calls it."""
+        """Its name in a study file."""
         ...
 
 
@@ -21,12 +21,12 @@ AnyKind = TypeVar("AnyKind", bound=Named)
 
 
 def kind_named(word: str, kinds: Iterable[AnyKind]) -> AnyKind:
-    """Find a kind by its word; the schema has checked that there is one."""
+    """Find a kind by name; the schema has checked that it exists."""
     return next(kind for kind in kinds if kind.word == word)
 
 
 def check_keys(table: str, word: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Refuse keys that belong to another kind: the schema lets all of them into the table."""
+    """Refuse keys of another kind, which the schema accepts in the table."""
     for key in given:
         if key not in known:
             raise InputError(f"key '{table}.{key}'", f"a key that {word} does not know", ", ".join(known))

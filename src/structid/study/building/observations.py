@@ -1,4 +1,4 @@
-"""What a study has measured, and the law of the difference between model and measurement."""
+"""The measurements of a study, and its error model."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def build_observation(
 
 
 def _refuse_keys_of_files(section: ObservationSection, where: str) -> None:
-    """Refuse of a virtual experiment what only a file has."""
+    """Refuse keys that apply to files only in a virtual experiment."""
     for key in ("column", "dt", "sd_column"):
         if getattr(section, key) is not None:
             raise InputError(
@@ -87,7 +87,7 @@ def _virtual_experiment(
     seed: int,
     index: int,
 ) -> tuple[Model, np.ndarray]:
-    """Simulate the true model and add white noise of a fraction of each channel's RMS."""
+    """Simulate the true model and add white noise, a fraction of each channel's RMS."""
     truth = true_model(section.model, channels, folder)
     run: Histories = truth.simulate(np.zeros((1, 0)), record)
     if not run.done[0]:
@@ -95,23 +95,23 @@ def _virtual_experiment(
             "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
         )
     values = run.values[0]
-    own = seed + index if section.seed is None else section.seed
-    rng = stream(own, Purpose.VIRTUAL_NOISE)
+    noise_seed = seed + index if section.seed is None else section.seed
+    rng = stream(noise_seed, Purpose.VIRTUAL_NOISE)
     rms = np.sqrt((values**2).mean(axis=0))
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 
 
 def _si_unit(section: ObservationSection, where: str) -> str:
-    """SI unit of what was measured: by its name, or by the unit that the file declares."""
-    known = standard_unit(section.channels[0]).si
-    if known or section.unit is None:
-        return known
+    """SI unit of a measurement, from its channel or from the unit declared for the file."""
+    unit_of_channel = standard_unit(section.channels[0]).si
+    if unit_of_channel or section.unit is None:
+        return unit_of_channel
     with within(where):
         return si_unit(section.unit)
 
 
 def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> ErrorLaw:
-    """Build the law of the difference between model and measurement."""
+    """Build the error model."""
     section = file.discrepancy
     if section.kind == AUTO:
         check_keys("discrepancy", AUTO, section.model_fields_set - {"kind"}, ())

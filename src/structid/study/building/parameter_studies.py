@@ -1,4 +1,4 @@
-"""The parameter study of a study file: its points, its limits and the part of the box that is looked at by itself, in SI."""
+"""The parameter study of a study file: points, limits and the part of the box examined separately, in SI."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from structid.study.schema.study_file import StudyFile
 
 @dataclass(frozen=True)
 class PlannedParameterStudy:
-    """What a parameter study needs."""
+    """Settings of a parameter study."""
 
-    design: Design  # Its points
-    model: Model  # The study's, recording what is looked at
-    channel: str  # Whose passages are looked for
-    limits: tuple[float, ...]  # In SI
-    above: Mapping[str, float]  # Lower bounds [SI] of the part of the box that is looked at by itself
-    peaks: tuple[str, ...]  # Channels whose largest values are explained
+    design: Design  # points
+    model: Model  # the study's model with the required channels
+    channel: str  # channel of the passages
+    limits: tuple[float, ...]  # in SI
+    above: Mapping[str, float]  # lower bounds [SI] of the part of the box examined separately
+    peaks: tuple[str, ...]  # channels whose peaks are explained
 
 
 def planned_parameter_study(file: StudyFile, space: ParameterSpace, model: Model) -> PlannedParameterStudy | None:

@@ -1,4 +1,4 @@
-"""Priors of a study, and the space they make."""
+"""The priors of a study and its parameter space."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import CalibrationFile
 
 LOOP = "loop"
-"""Where a prior is made of a measured loop."""
+"""Name of a prior derived from a measured loop."""
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "uniform": (marginals.Uniform, ("low", "high")),
@@ -100,7 +100,7 @@ def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> Par
 
 
 def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:
-    """Turn a parameter of the discrepancy into a number in SI or a prior."""
+    """Convert a parameter of the error model to a number in SI or a prior."""
     where = f"discrepancy.{key}"
     if value is None:
         return None

@@ -1,4 +1,4 @@
-"""Records of a study: read or made, then processed."""
+"""Records of a study: read or simulated, then processed."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from structid.study.schema.static_tables import RecordSection
 
 
 def load_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
-    """Read or make a record and process it."""
+    """Read or simulate a record and process it."""
     return processed(read_record(section, folder, where), section, where)
 
 
 def read_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
-    """Read or make a record."""
+    """Read or simulate a record."""
     if (section.file is None) == (section.synthetic is None):
         came = "neither file nor synthetic" if section.file is None else "both file and synthetic"
         raise InputError(f"key '{where}'", came, "exactly one of the two")

@@ -1,4 +1,4 @@
-"""The sampler of a study, and the plan of its calibration."""
+"""The sampler of a study, and the budget of its calibration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def build_sampler(section: SamplerSection) -> Sampler:
 
 
 def build_plan(section: CalibrationSection | None) -> Plan | None:
-    """Build the plan of a certified calibration."""
+    """Build the budget of a certified calibration."""
     if section is None:
         return None
     with within("table 'calibration'"):

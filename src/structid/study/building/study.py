@@ -1,4 +1,4 @@
-"""From the words of a study file to a study that is ready to run."""
+"""From a study file to a study that is ready to run."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
         return _built(file, folder, solver_folder)
     except InputError as first:
         # Mistakes that can be seen without the other parts are reported with it, so that one correction does not lead to the next.
-        told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder, solver_folder or folder)]))
-        if len(told) == 1:
+        problems = list(dict.fromkeys([str(first), *_wrong_alone(file, folder, solver_folder or folder)]))
+        if len(problems) == 1:
             raise
-        raise StudyErrors(file.name, told) from None
+        raise StudyErrors(file.name, problems) from None
 
 
 def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str]:
-    """What is wrong with each part by itself, or with the few others that it needs."""
+    """Problems of each part by itself, or with the few others that it needs."""
     records = {
         "record": file.record,
         **{
@@ -60,7 +60,7 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
         ),
     }
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
-    measured = [place for place, section in enumerate(file.observation) if section.file is not None]
+    measured = [index for index, section in enumerate(file.observation) if section.file is not None]
     loop = _loop_or_none(file, folder)
     parts: list[Callable[[], object]] = [
         partial(build_loop, file.loop, folder),
@@ -77,20 +77,20 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
         lambda: build_model(
             file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
         ),
-        *(partial(lines_of, folder / str(file.observation[place].file)) for place in measured),
-        *(partial(_observed, file, folder, place) for place in measured),
+        *(partial(lines_of, folder / str(file.observation[index].file)) for index in measured),
+        *(partial(_observed, file, folder, index) for index in measured),
     ]
-    told = []
+    problems = []
     for part in parts:
         try:
             part()
         except InputError as error:
-            told.append(str(error))
-    return told
+            problems.append(str(error))
+    return problems
 
 
 def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
-    """Lines through a measured loop; None where there is no loop, or none that can be read."""
+    """Lines through a measured loop; None where there is no readable loop."""
     try:
         return build_loop(file.loop, folder)
     except InputError:
@@ -98,7 +98,7 @@ def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
 
 
 def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
-    """The parameters' space; where their priors are wrong, one of the same names."""
+    """The parameter space; where priors are wrong, one with the same names."""
     try:
         return parameter_space(file, loop)
     except InputError:
@@ -125,14 +125,14 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         raw = raw.trim(*file.record.trim)  # the same instants as the processed one, to be drawn beside it
     loop = build_loop(file.loop, folder)
     space = parameter_space(file, loop)
-    wanted = file.campaign.channels if file.campaign is not None else ()
-    channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))
+    predicted = file.campaign.channels if file.campaign is not None else ()
+    channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *predicted)))
     if not channels:
         channels = ("velocity",) if file.parameter_study is None else (file.parameter_study.channel,)
     model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     observations, truths = [], []
-    for place in range(len(file.observation)):
-        observation, truth = _observed(file, folder, place, record)
+    for index in range(len(file.observation)):
+        observation, truth = _observed(file, folder, index, record)
         observations.append(observation)
         truths.append(truth)
     posterior = None

@@ -1,4 +1,4 @@
-"""The surrogate of a study: settings from the words of the file, and the fit to its true runs."""
+"""The surrogate of a study: settings from the file, and the fit to its model runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
 
 def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
-    """Turn a section into the settings of a surrogate."""
+    """Convert a table to settings of a surrogate."""
     kind = kind_named(section.kind, registry.KINDS)
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
     check_keys("surrogate", kind.word, given, sorted((*_COMMON, *kind.keys)))
@@ -30,7 +30,7 @@ def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
 
 
 def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
-    """Refuse keys that another one makes meaningless: nobody should wonder why they change nothing."""
+    """Refuse keys without effect because of another one."""
     for (switch, value), unused in kind.unused.items():
         for key in unused:
             if given.get(switch) == value and key in given:
@@ -41,7 +41,7 @@ def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
 
 
 def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
-    """Fit the surrogate, or read the one that was fitted before."""
+    """Fit the surrogate, or read a stored fit."""
     settings = surrogate_settings(section)
     surrogate = registry.load_surrogate(path) if path is not None and path.is_file() else None
     # Failed runs that have been repeated since, and have now succeeded, are worth another fit.

@@ -1,4 +1,4 @@
-"""What a programme's tests teach of the specimen: a posterior from one of them, and with it the prediction of a later one."""
+"""Learning from a programme's tests: a posterior from one of them, and the prediction of a later one."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from structid.study.programmes.planned_programme import PlannedProgramme
 from structid.study.timings import Stage, StagesAsTold, Timings, silent
 
 CHAINS = "learnt.h5"
-"""Draws of what was learnt, of the model itself."""
+"""Draws of the posterior, by the model itself."""
 LEARNING = "learning.json"
-"""Seconds of a calibration's stages."""
+"""Durations of a calibration's stages."""
 MOST_PIECES = 64
-"""Of a move in a predicted test. A run that is not followed in as many grows without bound."""
+"""Largest number of pieces of a move in a predicted test; a run that needs more grows without bound."""
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
-    """Put the posterior together."""
+    """Build the posterior."""
     file, model = planned.file, planned.learnable()
     assert file.learning is not None  # where it is built, this is checked
     driven = ImposedDisplacements(model, pieces=file.learning.pieces)
@@ -67,23 +67,23 @@ def learnt_of(
 def _drawn(
     planned: PlannedProgramme, posterior: Posterior, folder: Path, stage: Stage
 ) -> tuple[SamplingResult, CalibrationResult | None]:
-    """Draws of the posterior: by a surrogate that runs of the model certify, or of the model itself."""
+    """Draws of the posterior, by a certified surrogate or by the model itself."""
     file = planned.file
     if (plan := build_plan(file.calibration)) is None:
         with stage("learning") as progress:
             return sample(posterior, build_sampler(file.sampler), file.seed, folder / CHAINS, progress=progress), None
     settings = None if file.surrogate.kind == "none" else surrogate_settings(file.surrogate)
     sampler = build_sampler(file.sampler) if "sampler" in file.model_fields_set else None
-    with StagesAsTold(stage, Timings(folder / LEARNING)) as told:
+    with StagesAsTold(stage, Timings(folder / LEARNING)) as report:
         calibration = calibrate(
             posterior.model, posterior.model_space, posterior.observations, settings, posterior.law, plan=plan, sampler=sampler,
-            seed=file.seed, store=folder / CALIBRATION_FOLDER, progress=told,
+            seed=file.seed, store=folder / CALIBRATION_FOLDER, progress=report,
         )  # fmt: skip
     return calibration.sampling, calibration
 
 
 def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str, draws: np.ndarray) -> PredictedTest:
-    """A test as draws have it, from where the tests before have left the specimen."""
+    """Prediction of a test from posterior draws, starting from the specimen's state after the earlier tests."""
     section, learning = planned.section_of(name), planned.file.learning
     assert learning is not None  # learnt_of has looked
     numerical, physical = planned.parts(section.modes)
@@ -104,9 +104,9 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
 def followed_in_pieces(
     virtual: VirtualHybridTest, draws: Float[np.ndarray, "draw parameter"], record: GroundMotion
 ) -> Histories:
-    """Simulate, in as many pieces a move as it needs.
+    """Simulate with as many pieces per move as the law needs.
 
-    A stronger test moves further in a step than those that were learnt from, too far for a step of the law.
+    A stronger test moves further per step than those that were learnt from, possibly too far for one step of the law.
     """
     runs = virtual.simulate(draws, record)
     while np.any(runs.status == Status.DIVERGED) and virtual.pieces < MOST_PIECES:
@@ -116,5 +116,5 @@ def followed_in_pieces(
 
 
 def _at_steps(record: GroundMotion, dt: float, steps: int) -> GroundMotion:
-    """The part of a record that a test takes, with a sample for each coarse step."""
+    """The part of a record used by a test, with a sample for each coarse step."""
     return GroundMotion(record.values_at(np.arange(steps + 1) * dt), dt, name=record.name)

@@ -1,4 +1,4 @@
-"""From the words of a programme's file to tests that are ready to run."""
+"""From a programme's file to tests that are ready to run."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ OPENFRESCO = "openfresco://"
 class PlannedProgramme:
     """A programme that is ready to run."""
 
-    file: ProgrammeFile  # What the file says
-    folder: Path  # Where relative paths start
-    record: GroundMotion  # Not yet scaled
-    structure: CutStructure  # Of two parts
+    file: ProgrammeFile  # content of the file
+    folder: Path  # base of relative paths
+    record: GroundMotion  # unscaled record
+    structure: CutStructure  # structure of two parts
 
     def specimen(self) -> SimulatedSpecimen:
-        """Make the simulated specimen, never moved."""
+        """Make a new simulated specimen."""
         given, structure = self.file.specimen, self.structure
         model = moved_model(given.model, self.folder)
         actuators = [self._actuator(unit) for unit in structure.units]
@@ -67,14 +67,14 @@ class PlannedProgramme:
             )  # fmt: skip
 
     def laboratory(self, address: str, secret: str | Callable[[], str]) -> Specimen:
-        """Address a specimen elsewhere."""
+        """Connect to a specimen elsewhere."""
         if address.startswith(OPENFRESCO):
-            told = self.specimen().describe().model_copy(update={"simulated": False, "software": "OpenFresco"})
-            return OpenFrescoSpecimen(address.removeprefix(OPENFRESCO), told)
+            description = self.specimen().describe().model_copy(update={"simulated": False, "software": "OpenFresco"})
+            return OpenFrescoSpecimen(address.removeprefix(OPENFRESCO), description)
         return RemoteSpecimen(address, secret if isinstance(secret, str) else secret())
 
     def _actuator(self, unit: str) -> Actuator:
-        """An actuator; where its channel turns, stroke, speed, noise and range of displacements are those of its end, 1 m away."""
+        """An actuator; for a rotating channel, stroke, speed, noise and range refer to its end, 1 m away."""
         given = self.file.specimen.actuator
         settings = {name: getattr(given, name) for name in ("delay", "lag", "stroke", "velocity", "force")}
         with within("table 'specimen.actuator'"):
@@ -98,7 +98,7 @@ class PlannedProgramme:
         return replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Cut the structure; the parts of all tests with as many modes are the same ones, with what they have compiled."""
+        """Divide the structure; tests with equal numbers of modes share the parts with their compiled code."""
         if modes not in self._parts:
             self._parts[modes] = self.structure.parts(modes)
         return self._parts[modes]
@@ -109,29 +109,29 @@ class PlannedProgramme:
 
     @cached_property
     def coupling(self) -> Coupling:
-        """Of all tests."""
+        """Coupling of all tests."""
         return _coupling(self.file.coupling)
 
     def programme(self, specimen: Specimen | None = None) -> Programme:
         """Build all tests."""
-        moved = self.specimen() if specimen is None else specimen
-        tests = {section.name: self.test(section, moved) for section in self.file.test}
+        specimen_of_tests = self.specimen() if specimen is None else specimen
+        tests = {section.name: self.test(section, specimen_of_tests) for section in self.file.test}
         online = self.online()
         return Programme({name: replace(test, online=online) for name, test in tests.items()})
 
     def online(self) -> UnscentedFilter | None:
-        """Make the filter that follows the specimen through all tests."""
-        asked = self.file.online
-        if asked is None:
+        """Make the filter that tracks the specimen through all tests."""
+        section = self.file.online
+        if section is None:
             return None
         alike = self.structure.alike
         with within("table 'online'"):
             return UnscentedFilter(
-                self.learnable(), parameter_space(self.file), asked.force_noise, drift=asked.drift, updates=alike
+                self.learnable(), parameter_space(self.file), section.force_noise, drift=section.drift, updates=alike
             )
 
     def learnable(self) -> TraceableModel:
-        """Build the model that is learnt."""
+        """Build the model whose parameters are learnt."""
         file = self.file
         if file.model is None or not file.parameters:
             raise InputError("the file", "neither [model] nor [parameters]", "the model that is learnt, and its priors")
@@ -144,7 +144,7 @@ class PlannedProgramme:
         return model
 
     def known_sd(self) -> Float[np.ndarray, " channel"] | None:
-        """Standard deviations of the measured forces, where the file knows them."""
+        """Standard deviations of the measured forces, if given."""
         given = None if self.file.learning is None else self.file.learning.sd
         if given is None:
             return None
@@ -155,7 +155,7 @@ class PlannedProgramme:
         return np.array([to_si(sd, unit, "key 'learning.sd'") for sd, unit in zip(given, units, strict=True)])
 
     def section_of(self, name: str) -> TestSection:
-        """Find a test."""
+        """Find a test by name."""
         return next(section for section in self.file.test if section.name == name)
 
 
@@ -185,13 +185,13 @@ def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
 
 
 def _expected(file: ProgrammeFile) -> ModelSection:
-    """What the specimen is expected to be in virtual runs: the model that is learnt at the medians of its priors."""
+    """Expected specimen for virtual runs: the learnt model at its prior medians."""
     if file.model is None:
         return file.specimen.model
     space = parameter_space(file)
     medians = space.quantile(np.full((1, len(space.names)), 0.5))[0]
-    known = kind_named(file.model.type, model_list.MODELS).keys
-    named = {name: float(value) for name, value in zip(space.names, medians, strict=True) if name in known}
+    keys = kind_named(file.model.type, model_list.MODELS).keys
+    named = {name: float(value) for name, value in zip(space.names, medians, strict=True) if name in keys}
     return file.model.model_copy(update=named)
 
 

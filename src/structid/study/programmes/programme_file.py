@@ -79,7 +79,7 @@ class ActuatorSection(Section):
 
 
 class SpecimenSection(Section):
-    """A program in the laboratory's place: what it is in truth, and its actuators."""
+    """A simulated specimen: its true behaviour, and its actuators."""
 
     model: ModelSection
     actuator: ActuatorSection = ActuatorSection()
@@ -88,7 +88,7 @@ class SpecimenSection(Section):
 
 
 class CouplingSection(Section):
-    """How both parts move together; see `PrakashHjelmstad` and `GravouilCombescure`."""
+    """The coupling of both parts; see `PrakashHjelmstad` and `GravouilCombescure`."""
 
     type: Literal["prakash_hjelmstad", "gravouil_combescure"] = "prakash_hjelmstad"
     substeps: int = Field(default=10, ge=1, le=10_000)
@@ -97,7 +97,7 @@ class CouplingSection(Section):
 
 
 class CompensationSection(Section):
-    """Of the delay of the transfer system; see `PolynomialExtrapolation` and `AdaptiveTimeSeries`."""
+    """Delay compensation; see `PolynomialExtrapolation` and `AdaptiveTimeSeries`."""
 
     type: Literal["polynomial", "adaptive_time_series"]
     delay: Seconds
@@ -117,7 +117,7 @@ class TestSection(Section):
 
 
 class OnlineSection(Section):
-    """A filter that follows the parameters of [model] while the tests run; see `UnscentedFilter`."""
+    """A filter that tracks the parameters of [model] during the tests; see `UnscentedFilter`."""
 
     force_noise: Newtons
     drift: float = Field(default=0.0, ge=0)
@@ -125,7 +125,7 @@ class OnlineSection(Section):
 
 
 class LearningSection(Section):
-    """What is learnt of the specimen from one test and those before, and which later test is predicted with it."""
+    """Learning from one test and those before, and prediction of a later test."""
 
     from_test: str
     predict: str | None = None
@@ -152,7 +152,7 @@ class ProgrammeFile(CalibrationFile):
 
 
 def programme_file() -> type[ProgrammeFile]:
-    """Type of the file of a programme, with the kinds that are registered now."""
+    """Type of a programme's file, with the kinds registered now."""
     return _programme_file(
         model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
     )
@@ -173,7 +173,7 @@ def _programme_file(
     wall: Any = model_section([wall_kind.KIND])
     facade: Any = create_model("facade_section", __base__=FacadeSection, wall=(wall, ...))
     structure: Any = Annotated[ShearFrameSection | facade, Field(discriminator="type")]
-    found: type[ProgrammeFile] = create_model(
+    result: type[ProgrammeFile] = create_model(
         "ProgrammeFile",
         __base__=ProgrammeFile,
         structure=(structure, ...),
@@ -183,11 +183,11 @@ def _programme_file(
         sampler=(sampler, sampler(kind="smc")),
         surrogate=(surrogate, surrogate(kind="none")),
     )
-    return found
+    return result
 
 
 def is_programme(content: dict[str, Any]) -> bool:
-    """Say whether a file is that of a programme."""
+    """Whether a file describes a programme."""
     return "test" in content or ("specimen" in content and "structure" in content)
 
 

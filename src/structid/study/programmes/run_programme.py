@@ -25,20 +25,20 @@ from structid.study.timings import Stage, Timings, silent
 
 @dataclass(frozen=True, eq=False)
 class ProgrammeOutcome:
-    """What a run of a programme leaves."""
+    """Outcome of a programme."""
 
-    programme: ProgrammeResult  # The tests
-    learnt: Learnt | None  # What they have taught
-    report: Path  # The page
+    programme: ProgrammeResult  # the tests
+    learnt: Learnt | None  # posterior and prediction
+    report: Path  # the page
 
 
 def load_programme(path: str | Path) -> PlannedProgramme:
     """Read and build a programme."""
-    found = planned(read_programme(path), Path(path).resolve().parent)
-    if found.file.learning is not None or found.file.online is not None:
-        found.learnable()
-        found.known_sd()
-    return found
+    programme = planned(read_programme(path), Path(path).resolve().parent)
+    if programme.file.learning is not None or programme.file.online is not None:
+        programme.learnable()
+        programme.known_sd()
+    return programme
 
 
 def run_programme(
@@ -97,7 +97,7 @@ def _taught(
 
 
 def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[str, float]:
-    """Parameters of a simulated specimen that is of the kind which is learnt."""
+    """True parameters of a simulated specimen of the learnt kind."""
     file = programme.file
     simulated = all(test.description.simulated for test in tests.tests.values())
     if not simulated or file.model is None or file.model.type != file.specimen.model.type:
@@ -107,7 +107,7 @@ def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[st
 
 
 def _claim(folder: Path, path: Path, resume: bool) -> None:
-    """Take a folder for this programme, or refuse it."""
+    """Reserve a folder for this programme, or refuse it."""
     kept, text = folder / STUDY, study_text(path)
     if kept.is_file():
         if study_text(kept) != text:

@@ -1,4 +1,4 @@
-"""Structures that a programme can cut in two: what belongs to the computer, and what to the laboratory."""
+"""Structures that a programme can divide into a numerical and a physical part."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from structid.study.schema.static_tables import ModelSection
 
 
 def moved_model(section: ModelSection, folder: Path) -> Model:
-    """Build a model on which displacements are imposed, all of whose parameters are known."""
+    """Build a model for imposed displacements without free parameters."""
     return true_model(section, moved_channels(section), folder)
 
 
 def moved_channels(section: ModelSection) -> tuple[str, ...]:
-    """Name the channels with which a model can be built on which displacements are imposed."""
+    """Names of the channels that allow building a model for imposed displacements."""
     return (kind_named(section.type, model_list.MODELS).moved_channel,)
 
 
 def force_of(model: Model, dofs: int) -> RestoringForce:
-    """Give the force of a model without free parameters against displacements."""
+    """Restoring force of a model without free parameters."""
     force = as_traceable(model, "key 'specimen.model'").static_force(np.zeros((1, 0)))
     if force is None or force.dofs != dofs:
         came = f"a {model.kind_in_words}" + (
@@ -54,21 +54,21 @@ def force_of(model: Model, dofs: int) -> RestoringForce:
 class CutStructure(ABC):
     """A structure of two parts."""
 
-    alike: UpdatedSprings | None = None  # Springs of the numerical part that take over what is learnt of the specimen
-    channels: tuple[str, ...]  # Of the specimen
-    units: tuple[str, ...]  # Of the specimen
+    alike: UpdatedSprings | None = None  # springs of the numerical part that adopt what is learnt of the specimen
+    channels: tuple[str, ...]  # channels of the specimen
+    units: tuple[str, ...]  # their units
 
     @abstractmethod
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part."""
+        """Numerical and physical part."""
 
 
 @dataclass(frozen=True)
 class CutFrame(CutStructure):
     """A shear frame above its lowest storey."""
 
-    section: ShearFrameSection  # What the file says
-    expected: Model  # What the specimen is expected to be
+    section: ShearFrameSection  # content of the file
+    expected: Model  # expected specimen
     # Springs of the storeys above, where they are built like the specimen and take over what is learnt of it
     alike: UpdatedSprings | None = None
     channels = ("drift",)
@@ -93,9 +93,9 @@ class CutFrame(CutStructure):
 class CutFacade(CutStructure):
     """A facade of two storeys."""
 
-    section: FacadeSection  # What the file says
-    expected: Model  # What the specimen is expected to be
-    folder: Path  # Where relative paths start
+    section: FacadeSection  # content of the file
+    expected: Model  # expected specimen
+    folder: Path  # base of relative paths
     channels = ("u_x", "u_y", "theta")
     units = ("m", "m", "rad")
 
@@ -111,7 +111,7 @@ class CutFacade(CutStructure):
 
 
 def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> UpdatedSprings:
-    """Make springs for the storeys above the specimen that are like it."""
+    """Make springs like the specimen for the storeys above it."""
     if not isinstance(specimen, HystereticSprings):
         raise InputError("key 'online.update'", "true, and a specimen that is no spring", "a law of springs, or false")
     count = section.storeys - 1

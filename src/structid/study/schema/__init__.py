@@ -1,1 +1,1 @@
-"""Schema: what a study file may say, every key with its unit and default, and what is wrong in words."""
+"""Schema: the keys of a study file with units and defaults, and error messages for mistakes."""

@@ -1,6 +1,6 @@
-"""Tables of a study file whose keys depend on a kind: of model, of surrogate, of discrepancy, of sampler.
+"""Tables whose keys depend on a kind: of model, surrogate, error model, sampler.
 
-The keys come from the registries, where each kind declares its own.
+The keys come from the lists of kinds, where each kind declares its own.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class SurrogateSection(Section):
 
 
 class DiscrepancySection(Section):
-    """The law of the difference between model and measurement."""
+    """The error model: the difference between measurement and model."""
 
     kind: str = AUTO
 
 
 class SamplerSection(Section):
-    """The sampler. What is left out converges on the benchmark study."""
+    """The sampler. Omitted settings converge in the benchmark study."""
 
     kind: str = "aies"
 
@@ -69,7 +69,7 @@ def virtual_section(kinds: Iterable[ModelKind]) -> Any:
 
 
 def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
-    """Type of the table of a surrogate: the keys of all kinds, of which each knows some."""
+    """Type of a surrogate's table: the keys of all kinds, each of which accepts some."""
     named = [kind for kind in kinds if kind.word]
     tag: Any = Literal[tuple(["none", *(kind.word for kind in named)])]
     keys: dict[str, Any] = {key: (type_ | None, None) for kind in named for key, type_ in kind.keys.items()}
@@ -77,7 +77,7 @@ def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
 
 
 def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
-    """Type of the table of the discrepancy: the keys of all laws, of which each knows some."""
+    """Type of an error model's table: the keys of all error models, each of which accepts some."""
     laws = list(kinds)
     tag: Any = Literal[tuple([AUTO, *(law.word for law in laws)])]
     number_or_prior: Any = float | str | PriorSection | None
@@ -87,7 +87,7 @@ def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
 
 
 def sampler_section(kinds: Iterable[SamplerKind]) -> Any:
-    """Type of the table of the sampler: the keys of all samplers, of which each knows some."""
+    """Type of a sampler's table: the keys of all samplers, each of which accepts some."""
     samplers = list(kinds)
     tag: Any = Literal[tuple(sampler.word for sampler in samplers)]
     keys: dict[str, Any] = {key: (type_ | None, None) for each in samplers for key, type_ in each.keys.items()}

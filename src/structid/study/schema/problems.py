@@ -1,4 +1,4 @@
-"""What is wrong with a study file, in words."""
+"""Problems of a study file, in words."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.core.errors import InputError, suggestion
 
 
 class StudyErrors(InputError):
-    """Everything that is wrong with a study file."""
+    """All problems of a study file."""
 
     def __init__(self, path: str, problems: list[str]) -> None:
         self.path, self.problems = path, problems
@@ -27,7 +27,7 @@ _VARIANTS = {"float", "str", "PriorSection", "int"}
 
 
 def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str:
-    """Say what is wrong in one paragraph: key, what came, what is allowed, what to do."""
+    """Describe one problem in a paragraph: key, given value, expected value, advice."""
     words, tags = _words_of_models(schema), _tags(schema)
     steps = [
         s
@@ -43,10 +43,10 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
         return f"key '{key}': {what}{cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
     match error["type"]:
         case "extra_forbidden":
-            known = _known_keys(steps[:-1], content, schema)
-            near = difflib.get_close_matches(str(steps[-1]), known, n=1, cutoff=0.4)
+            known_keys = _known_keys(steps[:-1], content, schema)
+            near = difflib.get_close_matches(str(steps[-1]), known_keys, n=1, cutoff=0.4)
             hint = f" Did you mean '{near[0]}'?" if near else ""
-            return f"key '{key}': an unknown key. Allowed here: {', '.join(known)}.{hint}"
+            return f"key '{key}': an unknown key. Allowed here: {', '.join(known_keys)}.{hint}"
         case "missing":
             return f"key '{key}': it is missing. Add it."
         case "literal_error":
@@ -64,7 +64,7 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
 
 
 def _counted_from_one(steps: list[Any]) -> str:
-    """A place of the file as a key with dots; the second [[observation]] is ``observation.2``."""
+    """A location of the file as a dotted key; the second [[observation]] is ``observation.2``."""
     return ".".join(str(s + 1) if isinstance(s, int) else str(s) for s in steps)
 
 
@@ -77,13 +77,13 @@ KINDS_OF_VALUE = {
     "string_type": "a text in quotes",
     "finite_number": "a finite number",
 }
-"""What may stand where something else came, by pydantic's name of the mistake."""
+"""Expected values, by pydantic's name of the mistake."""
 LIMITS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
 """Pydantic's names of limits."""
 
 
 def _allowed(error: Any) -> str:
-    """What may stand there, in words; empty for a mistake whose own message is the clearest."""
+    """Expected value in words; empty where pydantic's own message is clearest."""
     context, kind = error.get("ctx", {}), error["type"]
     if kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
@@ -96,23 +96,23 @@ def _allowed(error: Any) -> str:
 
 
 def _words_of_models(schema: type[BaseModel]) -> list[str]:
-    """Kinds of model that a file may name."""
+    """Names of the kinds of model."""
     return _words_of(_tables(schema.model_fields["model"].annotation))
 
 
 def _tags(schema: type[BaseModel]) -> set[str]:
-    """Every kind that some table of a file may name; pydantic puts it into its locations."""
+    """Names of all kinds that some table may name; pydantic adds them to its locations."""
     return {word for field in schema.model_fields.values() for word in _words_of(_tables(field.annotation))}
 
 
 def _words_of(tables: list[Any]) -> list[str]:
-    """What the key ``type`` of some tables may be."""
+    """Possible values of the key ``type`` of some tables."""
     typed = [table.model_fields["type"].annotation for table in tables if "type" in table.model_fields]
     return [word for annotation in typed for word in get_args(annotation) if isinstance(word, str)]
 
 
 def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseModel]) -> list[str]:
-    """Keys that the table at a place of the file may have."""
+    """Keys of the table at a location of the file."""
     tables: list[Any] = [schema]
     here: Any = content
     named = False  # the next step is a name that the user has given: a parameter may be called as a key of its prior is
@@ -132,7 +132,7 @@ def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseMode
 
 
 def _tables(annotation: Any) -> list[Any]:
-    """All sections a field's annotation allows."""
+    """All tables that a field's annotation allows."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     arguments = get_args(annotation) if get_origin(annotation) is not None else ()

@@ -1,4 +1,4 @@
-"""Tables of a study file whose keys are always the same."""
+"""Tables of a study file with fixed keys."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pydantic import Field
 from structid.core.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
 
 LARGEST_COUNT = 1_000_000
-"""Of runs, points or draws that a file may ask for: more are a slip of the finger, and would not fit the memory."""
+"""Largest number of runs, points or draws in a file; more are a typing error and would not fit into memory."""
 
 
 class SyntheticSection(Section):
-    """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
+    """A simulated record; see `GroundMotion.synthetic`."""
 
     seed: int = Field(ge=0)
     duration: Seconds = 40.0
@@ -27,7 +27,7 @@ class SyntheticSection(Section):
 
 
 class RecordSection(Section):
-    """Where the ground motion comes from, and what is done to it, in this order: baseline, filters, resample, trim, scale."""
+    """Source and processing of the ground motion, in this order: baseline, filters, resample, trim, scale."""
 
     file: str | None = None
     synthetic: SyntheticSection | None = None
@@ -46,7 +46,7 @@ class RecordSection(Section):
 
 
 class PriorSection(Section):
-    """A prior distribution; numbers are in `unit`, or texts with their own unit."""
+    """A prior distribution; numbers are in `unit`, or strings with their own unit."""
 
     distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel", "loop"]
     unit: str | None = None
@@ -77,7 +77,7 @@ class LoopSection(Section):
 
 
 class ModelSection(Section):
-    """The model: parameters that are known, by their names; the rest have priors."""
+    """The model: known parameters by name; the others have priors."""
 
     type: str
 
@@ -91,7 +91,7 @@ class VirtualSection(Section):
 
 
 class ObservationSection(Section):
-    """A measured history, or a virtual one; with its own record if it is not the study's."""
+    """A measured or virtual history, with its own record if it differs from the study's."""
 
     channels: tuple[str, ...] = Field(default=("velocity",), min_length=1)
     file: str | None = None
@@ -108,7 +108,7 @@ class ObservationSection(Section):
 
 
 class DeterministicSection(Section):
-    """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
+    """Deterministic calibration beside the Bayesian one; an empty list of methods disables it."""
 
     methods: tuple[Literal["pattern_search", "interior_point"], ...] | None = None
     starts: int = Field(default=10, ge=1, le=LARGEST_COUNT)
@@ -117,7 +117,7 @@ class DeterministicSection(Section):
 
 
 class CampaignSection(Section):
-    """A design of true runs, stored; see `Campaign`."""
+    """A design of model runs, stored; see `Campaign`."""
 
     runs: int = Field(ge=1, le=LARGEST_COUNT)
     method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
@@ -141,7 +141,7 @@ class ParameterStudySection(Section):
 
 
 class FragilitySection(Section):
-    """The probability of a passage or a failure, given the data, for records of rising strength; see `fragility`."""
+    """The probability of a passage or a failure, given the data, for records of increasing strength; see `fragility`."""
 
     channel: str
     limit: float | str
@@ -154,7 +154,7 @@ class FragilitySection(Section):
 
 
 class CalibrationSection(Section):
-    """True runs where the posterior is, until a certificate holds; see `calibrate`."""
+    """Model runs where the posterior is, until a certificate holds; see `calibrate`."""
 
     true_runs: int = Field(default=500, le=LARGEST_COUNT)
     start: int | None = Field(default=None, ge=10, le=LARGEST_COUNT)

@@ -48,7 +48,7 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 class CalibrationFile(Section):
-    """What every file has that calibrates a model."""
+    """Tables of every file that calibrates a model."""
 
     name: str
     title: str = ""
@@ -80,7 +80,7 @@ class StudyFile(CalibrationFile):
 
 
 def study_file() -> type[StudyFile]:
-    """Type of a study file, with the kinds that are registered now."""
+    """Type of a study file, with the kinds registered now."""
     return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
 
 
@@ -99,7 +99,7 @@ def _study_file(
     one_or_several: Any = Annotated[
         tuple[observation, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ]
-    found: type[StudyFile] = create_model(
+    result: type[StudyFile] = create_model(
         "StudyFile",
         __base__=StudyFile,
         model=(model_section(model_kinds), ...),
@@ -108,7 +108,7 @@ def _study_file(
         discrepancy=(discrepancy, discrepancy()),
         sampler=(sampler, sampler()),
     )
-    return found
+    return result
 
 
 def read_study(path: str | Path) -> StudyFile:
@@ -140,10 +140,10 @@ def study_text(file: Path) -> str:
         return raw.decode("utf-16" if marked else "utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as cause:
         line = raw[: cause.start].count(b"\n") + 1
-        found = raw[cause.start : cause.start + 1].decode("latin-1")
+        character = raw[cause.start : cause.start + 1].decode("latin-1")
         raise InputError(
             f"{file}, line {line}",
-            f"a byte that is no UTF-8 (in Latin-1 it would be '{found}')",
+            f"a byte that is no UTF-8 (in Latin-1 it would be '{character}')",
             "a text file in UTF-8",
             "Save it as UTF-8, which every editor offers.",
         ) from None

@@ -1,1 +1,1 @@
-"""Stages of a study, one file each. `study/stages/stage_list.py` says their order."""
+"""Stages of a study, one file each. `study/stages/stage_list.py` gives their order."""

@@ -1,4 +1,4 @@
-"""A calibration by a surrogate that true runs certify."""
+"""Stage: a calibration with a surrogate that model runs certify."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 from structid.study.timings import StagesAsTold
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    study, posterior = found.study, found.study.sampled
-    with StagesAsTold(place.stage, place.timings) as told, warnings.catch_warnings():
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    study, posterior = findings.study, findings.study.sampled
+    with StagesAsTold(workplace.stage, workplace.timings) as report, warnings.catch_warnings():
         if study.model.batched:
             warnings.simplefilter("ignore", UnlikeMeasuredWarning)  # asked before the study ran; see `plausibility`
         calibration = calibrate(
@@ -28,23 +28,25 @@ def _run(found: Findings, place: Workplace) -> Findings:
             plan=study.plan,
             sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
             seed=study.file.seed,
-            store=place.folder / CALIBRATION_FOLDER,
-            adopt=place.adopt,
-            executor=place.executor,
-            progress=told,
+            store=workplace.folder / CALIBRATION_FOLDER,
+            adopt=workplace.adopt,
+            executor=workplace.executor,
+            progress=report,
         )
     if not calibration.exact:
         study = replace(study, posterior=calibration.posterior.on(calibration.surrogate))
     else:
         study = replace(study, posterior=calibration.posterior)
     return replace(
-        found,
+        findings,
         study=study,
         runs=calibration.runs,
         surrogate=calibration.surrogate,
         calibration=calibration,
         law_choice=calibration.law_choice,
-        true_posterior=None if found.true_posterior is None else found.true_posterior.on(law=calibration.posterior.law),
+        true_posterior=None
+        if findings.true_posterior is None
+        else findings.true_posterior.on(law=calibration.posterior.law),
         result=calibration.sampling,
     )
 

@@ -1,4 +1,4 @@
-"""Deterministic calibrations beside the Bayesian one, run or read back."""
+"""Stage: deterministic calibrations beside the Bayesian one."""
 
 from __future__ import annotations
 
@@ -22,24 +22,26 @@ SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "pattern_search": pattern_search,
     "interior_point": interior_point,
 }
-"""Methods by the word for them."""
+"""Methods by name."""
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
+def _run(findings: Findings, workplace: Workplace) -> Findings:
     return replace(
-        found,
-        searches={name.replace("_", " "): _search(name, found.study, place) for name in found.study.search_methods},
+        findings,
+        searches={
+            name.replace("_", " "): _search(name, findings.study, workplace) for name in findings.study.search_methods
+        },
     )
 
 
-def _search(method: str, study: BuiltStudy, place: Workplace) -> OptimizeResult:
-    section, stored, name = study.file.deterministic, place.folder / f"{method}.json", method.replace("_", " ")
+def _search(method: str, study: BuiltStudy, workplace: Workplace) -> OptimizeResult:
+    section, stored, name = study.file.deterministic, workplace.folder / f"{method}.json", method.replace("_", " ")
     # A calibration that was continued has another surrogate, with other minima.
     settings = {**section.model_dump(mode="json"), "posterior": study.sampled.content_hash}
     if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
         return _read_search(stored, study.sampled)
-    with place.stage(name) as progress, place.timings.measured(name):
-        found = SEARCHES[method](
+    with workplace.stage(name) as progress, workplace.timings.measured(name):
+        optimum = SEARCHES[method](
             study.sampled.misfit,
             bounds=_searched_range(study),
             constraints=section.constraints,
@@ -47,13 +49,13 @@ def _search(method: str, study: BuiltStudy, place: Workplace) -> OptimizeResult:
             seed=study.file.seed,
             progress=progress,
         )
-    found.to_text(place.folder / f"{method}.txt")
-    _write_search(stored, found, settings)
-    return found
+    optimum.to_text(workplace.folder / f"{method}.txt")
+    _write_search(stored, optimum, settings)
+    return optimum
 
 
 def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
-    """Bounds of the searches in SI: the study's, within a surrogate's range, beyond which it responds as at the edge."""
+    """Bounds of the searches in SI: the study's, within a surrogate's range, outside which its response is constant."""
     stand_in, given = study.sampled.model.stand_in, study.search_bounds
     if stand_in is None:
         return given

@@ -1,4 +1,4 @@
-"""The law of the errors, where a study leaves it to the data."""
+"""Stage: the choice of the error model by the data."""
 
 from __future__ import annotations
 
@@ -17,57 +17,57 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 WITH_HIDDEN_VALUES = SMC(
     particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2, scouts=0
 )
-"""Sampler of a study that names none, where parameters drift: the values at the knots are tens of further parameters."""
+"""Default sampler where parameters drift: the values at the knots are tens of latent variables."""
 
 FOR_CORRELATED_ERRORS = SMC(particles=500, steps=300)
-"""The same where errors are correlated: a variance with a heavy tail takes a hundred moves."""
+"""Default sampler where errors are correlated: a variance with a heavy tail takes a hundred moves."""
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    study, true_posterior = found.study, found.true_posterior
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    study, true_posterior = findings.study, findings.true_posterior
     assert true_posterior is not None
     # Proposals are made, and the law is chosen, by the surrogate where there is one.
-    posterior = study.sampled if found.surrogate is None else true_posterior.on(found.surrogate)
+    posterior = study.sampled if findings.surrogate is None else true_posterior.on(findings.surrogate)
     if posterior.costs_runs:  # tens of thousands of runs of somebody's solver
-        return found
+        return findings
     what, seed = "choosing the law of the errors", derived_seed(study.file.seed, Purpose.LAW_CHOICE)
-    with place.stage(what) as progress, place.timings.measured(what):
-        choice = choose_among(posterior, seed=seed, progress=progress, store=place.folder / LAWS)
-    return with_law(found, choice)
+    with workplace.stage(what) as progress, workplace.timings.measured(what):
+        choice = choose_among(posterior, seed=seed, progress=progress, store=workplace.folder / LAWS)
+    return with_law(findings, choice)
 
 
-def with_law(found: Findings, choice: LawChoice) -> Findings:
-    """Take the chosen law."""
-    study, law = found.study, choice.posterior.law
-    assert found.true_posterior is not None
+def with_law(findings: Findings, choice: LawChoice) -> Findings:
+    """Adopt the chosen error model."""
+    study, law = findings.study, choice.posterior.law
+    assert findings.true_posterior is not None
     posterior = study.sampled.on(law=law)
     sampler = sampler_under(study, posterior)
     named = "sampler" in study.file.model_fields_set
     another = sampler is WITH_HIDDEN_VALUES and named and _too_few(build_sampler(study.file.sampler), posterior)
     return replace(
-        found,
+        findings,
         law_choice=replace(choice, remark=_remark(study, posterior) if another else ""),
-        true_posterior=found.true_posterior.on(law=law),
+        true_posterior=findings.true_posterior.on(law=law),
         study=replace(study, posterior=posterior, sampler=sampler),
     )
 
 
 def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
-    """Choose the sampler for a posterior under another law."""
-    own = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
+    """Choose the sampler for a posterior under another error model."""
+    sampler = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
     named = "sampler" in study.file.model_fields_set
     if posterior.law.inside:
-        return own if named and own != SMC() and not _too_few(own, posterior) else WITH_HIDDEN_VALUES
-    return own if named or posterior.law.added.independent else FOR_CORRELATED_ERRORS
+        return sampler if named and sampler != SMC() and not _too_few(sampler, posterior) else WITH_HIDDEN_VALUES
+    return sampler if named or posterior.law.added.independent else FOR_CORRELATED_ERRORS
 
 
-def _too_few(own: Sampler, posterior: Posterior) -> bool:
-    """Whether a sampler's walkers cannot span the values at the knots."""
-    return own.interacting and own.walkers < 2 * posterior.dimension
+def _too_few(sampler: Sampler, posterior: Posterior) -> bool:
+    """Whether a sampler has too few walkers for the values at the knots."""
+    return sampler.interacting and sampler.walkers < 2 * posterior.dimension
 
 
 def _remark(study: BuiltStudy, posterior: Posterior) -> str:
-    """What the reader must know where the sampler that the study names is not taken."""
+    """Remark where the study's sampler is replaced."""
     walkers, dimension = build_sampler(study.file.sampler).walkers, posterior.dimension
     return (
         f"The {walkers} walkers of the study's sampler cannot span these {dimension} values, knots included; {2 * dimension} or "

@@ -1,4 +1,4 @@
-"""The probability of a passage or a failure, given the data, for records of rising strength."""
+"""Stage: the probability of a passage or a failure, given the data, for records of increasing strength."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 from structid.surrogates.surrogate_list import DEFAULT
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    study, result = found.study, found.result
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    study, result = findings.study, findings.result
     planned = study.fragility
-    assert planned is not None and result is not None and found.true_posterior is not None
+    assert planned is not None and result is not None and findings.true_posterior is not None
     what = "records of rising strength"
-    with place.stage(what) as progress, place.timings.measured(what, goes_on=True):
+    with workplace.stage(what) as progress, workplace.timings.measured(what, goes_on=True):
         tells = fragility(
-            found.true_posterior,
+            findings.true_posterior,
             result.thinned(planned.draws),
             planned.records,
             planned.channel,
@@ -28,10 +28,10 @@ def _run(found: Findings, place: Workplace) -> Findings:
             training=planned.training,
             checks=planned.checks,
             seed=study.file.seed,
-            store=place.folder / FRAGILITY,
+            store=workplace.folder / FRAGILITY,
             progress=progress,
         )
-    return replace(found, fragility=tells)
+    return replace(findings, fragility=tells)
 
 
 STAGE = StudyStage(lambda found: found.study.fragility is not None and found.result is not None, _run)

@@ -1,4 +1,4 @@
-"""Runs over the priors, and what they tell of them."""
+"""Stage: runs over the priors, and what peaks and passages depend on."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from structid.study.folder import PARAMETER_RUNS
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    study = found.study
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    study = findings.study
     planned = study.parameter_study
     assert planned is not None
-    campaign = Campaign(planned.model, study.record, planned.design, place.folder / PARAMETER_RUNS)
+    campaign = Campaign(planned.model, study.record, planned.design, workplace.folder / PARAMETER_RUNS)
     what = "runs over the priors"
-    with place.stage(what) as progress, place.timings.measured(what, goes_on=True):
-        runs = campaign.run(place.executor, retry=place.retry, adopt=place.adopt, progress=progress)
-    with place.timings.measured("studying them"):
+    with workplace.stage(what) as progress, workplace.timings.measured(what, goes_on=True):
+        runs = campaign.run(workplace.executor, retry=workplace.retry, adopt=workplace.adopt, progress=progress)
+    with workplace.timings.measured("studying them"):
         seed = study.file.seed
         tells = parameter_study(runs, planned.channel, planned.limits, planned.above, planned.peaks, seed)
-    return replace(found, parameter_study=tells)
+    return replace(findings, parameter_study=tells)
 
 
 STAGE = StudyStage(lambda found: found.study.parameter_study is not None, _run)

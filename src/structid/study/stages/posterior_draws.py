@@ -1,4 +1,4 @@
-"""Draws of the posterior."""
+"""Stage: draws of the posterior."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from structid.study.stages.error_model_stage import with_law
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    result, choice = _drawn(found, place, CHAINS), found.law_choice
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    result, choice = _drawn(findings, workplace, CHAINS), findings.law_choice
     seconds = result.seconds
     if choice is not None and choice.posterior.law.inside and not result.verdict().converged:
-        found = with_law(found, replace(choice, added_only=True))
-        result = _drawn(found, place, CHAINS_WITHOUT_HIDDEN)
+        findings = with_law(findings, replace(choice, added_only=True))
+        result = _drawn(findings, workplace, CHAINS_WITHOUT_HIDDEN)
         seconds += result.seconds
-    place.timings.put("sampling", seconds)
-    return replace(found, result=result)
+    workplace.timings.put("sampling", seconds)
+    return replace(findings, result=result)
 
 
-def _drawn(found: Findings, place: Workplace, store: str) -> SamplingResult:
-    study = found.study
-    with place.stage("sampling") as progress, place.timings.measured("sampling"):
-        return sample(study.sampled, study.sampler, study.file.seed, place.folder / store, progress=progress)
+def _drawn(findings: Findings, workplace: Workplace, store: str) -> SamplingResult:
+    study = findings.study
+    with workplace.stage("sampling") as progress, workplace.timings.measured("sampling"):
+        return sample(study.sampled, study.sampler, study.file.seed, workplace.folder / store, progress=progress)
 
 
 STAGE = StudyStage(lambda found: found.study.posterior is not None and found.result is None, _run)

@@ -1,4 +1,4 @@
-"""What a stage of a study is: it takes what stages before it have found, and adds its own."""
+"""A stage of a study: it takes the findings of earlier stages and adds its own."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from structid.surrogates.base import Surrogate
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
-    """Where and how a study is run."""
+    """Where and how a study runs."""
 
-    folder: Path  # For everything that it makes
-    stage: Stage  # Opens a progress bar for a named stage
-    executor: Any = None  # Where an external model's runs are done
-    retry: bool = False  # Repeat runs of the campaign that failed before
-    adopt: bool = False  # Keep the true runs of another version of the model
-    page: bool = True  # Write the page
+    folder: Path  # output folder
+    stage: Stage  # opens a progress bar for a named stage
+    executor: Any = None  # executor of an external model's runs
+    retry: bool = False  # repeat failed runs of the campaign
+    adopt: bool = False  # keep the model runs of another version of the model
+    page: bool = True  # whether to write the page
 
     @cached_property
     def timings(self) -> Timings:
-        """Seconds of every stage."""
+        """Duration of every stage."""
         return Timings(self.folder / TIMINGS)
 
     @property
@@ -47,19 +47,19 @@ class Workplace:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What the stages of a study have found so far."""
+    """Findings of a study's stages so far."""
 
-    study: BuiltStudy  # The study, with the posterior and the sampler to be used
-    true_posterior: Posterior | None = None  # The posterior under the model itself
-    runs: Runs | None = None  # The true runs
-    surrogate: Surrogate | None = None  # What stands in for the model, validated or certified
-    calibration: CalibrationResult | None = None  # Certificate and rounds
-    searches: dict[str, OptimizeResult] = field(default_factory=dict)  # Deterministic calibrations by method
-    law_choice: LawChoice | None = None  # Which law of the errors the data have chosen, where it was left to them
-    result: SamplingResult | None = None  # Draws and verdict
-    parameter_study: ParameterStudy | None = None  # What runs over the priors tell
-    fragility: Fragility | None = None  # The probability of a passage, given the data
-    material: PosteriorMaterial | None = None  # All of it as a page takes it, with what the page has simulated
+    study: BuiltStudy  # the study, with the posterior and the sampler in use
+    true_posterior: Posterior | None = None  # the posterior under the model itself
+    runs: Runs | None = None  # model runs
+    surrogate: Surrogate | None = None  # the validated or certified surrogate
+    calibration: CalibrationResult | None = None  # certificate and rounds
+    searches: dict[str, OptimizeResult] = field(default_factory=dict)  # deterministic calibrations by method
+    law_choice: LawChoice | None = None  # error model chosen by the data
+    result: SamplingResult | None = None  # draws and verdict
+    parameter_study: ParameterStudy | None = None  # results of runs over the priors
+    fragility: Fragility | None = None  # probability of a passage, given the data
+    material: PosteriorMaterial | None = None  # everything for the page, with its simulations
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ STAGES: tuple[StudyStage, ...] = (
     posterior_draws.STAGE,
     fragility_runs.STAGE,
 )
-"""Stages that find something."""
+"""Stages that produce findings."""
 
 PAGE_STAGE = report_page.STAGE
-"""The stage that shows what they found."""
+"""The stage that shows them."""

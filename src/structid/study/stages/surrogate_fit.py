@@ -1,4 +1,4 @@
-"""The surrogate that a study asks for: fitted to its true runs, validated on others, put in the model's place."""
+"""Stage: the surrogate of a study, fitted to model runs, validated on others, put in the model's place."""
 
 from __future__ import annotations
 
@@ -15,42 +15,45 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 from structid.surrogates.base import Surrogate
 
 
-def _run(found: Findings, place: Workplace) -> Findings:
-    study = found.study
-    assert found.runs is not None
-    with place.stage("fitting the surrogate") as progress, place.timings.measured("fitting the surrogate", once=True):
-        surrogate = fitted_surrogate(study.file.surrogate, found.runs, place.folder / SURROGATE, progress)
+def _run(findings: Findings, workplace: Workplace) -> Findings:
+    study = findings.study
+    assert findings.runs is not None
+    with (
+        workplace.stage("fitting the surrogate") as progress,
+        workplace.timings.measured("fitting the surrogate", once=True),
+    ):
+        surrogate = fitted_surrogate(study.file.surrogate, findings.runs, workplace.folder / SURROGATE, progress)
     if surrogate.validation is None:
-        _validate(surrogate, study, place)
-        surrogate.save(place.folder / SURROGATE)
-    return _in_its_place(replace(found, surrogate=surrogate), surrogate, place)
+        _validate(surrogate, study, workplace)
+        surrogate.save(workplace.folder / SURROGATE)
+    return _in_its_place(replace(findings, surrogate=surrogate), surrogate, workplace)
 
 
-def _validate(surrogate: Surrogate, study: BuiltStudy, place: Workplace) -> None:
-    """Compare it with true runs that it has not seen."""
+def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> None:
+    """Compare the surrogate with model runs it has not seen."""
     # A stream of its own: the design may be a random one of the same seed.
     seed = derived_seed(study.file.seed, Purpose.VALIDATION_DESIGN)
     design = study.space.sample(study.validation_runs, seed, "random")
-    campaign = Campaign(study.model, study.campaign_records, design, place.folder / VALIDATION, assignment="cycle")
+    campaign = Campaign(study.model, study.campaign_records, design, workplace.folder / VALIDATION, assignment="cycle")
     what = "true runs to validate it"
-    with place.stage(what) as progress, place.timings.measured(what, goes_on=True):
-        unseen = campaign.run(place.executor, progress=progress)
+    with workplace.stage(what) as progress, workplace.timings.measured(what, goes_on=True):
+        unseen = campaign.run(workplace.executor, progress=progress)
     what = "validating the surrogate"
-    with place.stage(what) as progress, place.timings.measured(what):
+    with workplace.stage(what) as progress, workplace.timings.measured(what):
         surrogate.validate(unseen, progress)
 
 
-def _in_its_place(found: Findings, surrogate: Surrogate, place: Workplace) -> Findings:
-    """The study that samples the surrogate, or lets it make proposals."""
-    study = found.study
+def _in_its_place(findings: Findings, surrogate: Surrogate, workplace: Workplace) -> Findings:
+    """The study that samples the surrogate, or uses it for proposals."""
+    study = findings.study
     if study.posterior is None:
-        return found
+        return findings
     if study.sampler.exact:
-        return replace(found, study=replace(study, sampler=study.sampler.proposing_by(surrogate)))
+        return replace(findings, study=replace(study, sampler=study.sampler.proposing_by(surrogate)))
     try:
-        return replace(found, study=replace(study, posterior=study.posterior.on(surrogate)))
+        return replace(findings, study=replace(study, posterior=study.posterior.on(surrogate)))
     except InputError:
-        write_runs_page(found, place)  # so that its validation can be looked at
+        write_runs_page(findings, workplace)  # so that its validation can be looked at
         raise
 
 

@@ -1,1 +1,1 @@
-"""Chaos: polynomial families and sparse or shrunken expansions in them."""
+"""Polynomial chaos: orthonormal polynomials, and sparse or shrunken expansions in them."""

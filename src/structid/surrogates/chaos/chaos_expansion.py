@@ -91,14 +91,14 @@ class ChaosExpansion:
             )  # fmt: skip
         rng = stream(seed, Purpose.BOOTSTRAP)
         columns = self.basis.evaluate(self.theta)
-        found = np.zeros((replicates, *self.coefficients.shape))
+        coefficients = np.zeros((replicates, *self.coefficients.shape))
         for r in range(replicates):
             rows = rng.integers(len(columns), size=len(columns))
             for k in range(self.coefficients.shape[1]):
                 active = np.flatnonzero(self.coefficients[:, k])
                 drawn = columns[np.ix_(rows, active)]
-                found[r, active, k] = np.linalg.lstsq(drawn, self.outputs[rows, k], rcond=None)[0]
-        return found
+                coefficients[r, active, k] = np.linalg.lstsq(drawn, self.outputs[rows, k], rcond=None)[0]
+        return coefficients
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the contents of the expansion, without its parameter space, for a file."""

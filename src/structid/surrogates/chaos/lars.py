@@ -13,9 +13,10 @@ import scipy
 from jaxtyping import Float, Int
 
 OPTIMISM = 0.25
-"""Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this factor.
-It chooses terms by the same data that judge it, so its leave-one-out error is optimistic, more so than the other's.
-Measured: on smooth functions it is better by 10 to 10⁵; on functions with kinks its leave-one-out error is a third too small."""
+"""Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this
+factor. It chooses terms by the same data that assess it, so that its leave-one-out error is optimistic, more so than the
+other's. Measured: on smooth functions it is better by 10 to 10⁵; on functions with kinks its leave-one-out error is a third
+too small."""
 
 FIRST_PATH = 120
 """Number of terms of the first path. The path is doubled while the best model lies near its end."""

@@ -26,11 +26,11 @@ class OrthonormalFamily:
     """
 
     name: str  # ``"Legendre"``, ``"Hermite"``, … or ``"numerical"``
-    a: Float[np.ndarray, " degree"]  # Recurrence coefficients a₀, a₁, …
-    b: Float[np.ndarray, " _"]  # Recurrence coefficients b₁, b₂, …
-    shift: float  # The polynomials' variable is (g(x) − shift)/scale
+    a: Float[np.ndarray, " degree"]  # recurrence coefficients a₀, a₁, …
+    b: Float[np.ndarray, " _"]  # recurrence coefficients b₁, b₂, …
+    shift: float  # the variable of the polynomials is (g(x) − shift)/scale
     scale: float  # The polynomials' variable is (g(x) − shift)/scale
-    logarithmic: bool = False  # Whether g is the logarithm; otherwise it is the identity
+    logarithmic: bool = False  # whether g is the logarithm; otherwise the identity
 
     @classmethod
     def of(cls, marginal: Marginal, degree: int) -> OrthonormalFamily:
@@ -77,8 +77,8 @@ class OrthonormalFamily:
         jacobi = np.diag(self.a) + np.diag(self.b, 1) + np.diag(self.b, -1)
         nodes, vectors = np.linalg.eigh(jacobi)
         mine = np.array(self._recurrence(nodes, degree))
-        theirs = np.array(other.evaluate(np.clip(nodes * self.scale + self.shift, low, high), degree))
-        return np.asarray((mine * vectors[0] ** 2) @ theirs.T)
+        other_values = np.array(other.evaluate(np.clip(nodes * self.scale + self.shift, low, high), degree))
+        return np.asarray((mine * vectors[0] ** 2) @ other_values.T)
 
     @classmethod
     def standard_normal(cls, degree: int) -> OrthonormalFamily:

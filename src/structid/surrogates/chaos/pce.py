@@ -124,8 +124,8 @@ class PCE:
         best: list[_Candidate | None] = [None] * outputs.shape[1]
         for norm in np.atleast_1d(self.hyperbolic_norm):
             self._search_degree(design.space, theta, outputs, float(norm), best, progress)
-        found = [b for b in best if b is not None]
-        return _expansion(design.space, found, theta, outputs)
+        candidates = [b for b in best if b is not None]
+        return _expansion(design.space, candidates, theta, outputs)
 
     def _search_degree(
         self,
@@ -153,8 +153,8 @@ class PCE:
             for k in list(waiting):
                 fit = regression.fit(outputs[:, k]) if regression else _whole_basis_fit(columns, outputs[:, k])
                 error = fit.leave_one_out_error
-                known = best[k]
-                if known is None or error < known.fit.leave_one_out_error:
+                best_so_far = best[k]
+                if best_so_far is None or error < best_so_far.fit.leave_one_out_error:
                     best[k] = _Candidate(basis.indices[fit.active], fit, degree, norm)
                 waiting[k] = 0 if error < reached[k] else waiting[k] + 1
                 reached[k] = min(error, reached[k])
@@ -182,32 +182,32 @@ def _whole_basis_fit(columns: np.ndarray, response: np.ndarray) -> SparseFit:
 
 
 def _expansion(
-    space: ParameterSpace, found: list[_Candidate], theta: np.ndarray, outputs: np.ndarray
+    space: ParameterSpace, candidates: list[_Candidate], theta: np.ndarray, outputs: np.ndarray
 ) -> ChaosExpansion:
     """Write the models of all outputs in one basis: the union of their terms."""
-    every = np.concatenate([f.indices for f in found])
-    union, place = np.unique(every, axis=0, return_inverse=True)
+    every = np.concatenate([f.indices for f in candidates])
+    union, row_of_term = np.unique(every, axis=0, return_inverse=True)
     order = by_degree(union)
     rank = np.empty(len(union), dtype=int)
     rank[order] = np.arange(len(union))
-    coefficients = np.zeros((len(union), len(found)))
+    coefficients = np.zeros((len(union), len(candidates)))
     start = 0
-    for k, candidate in enumerate(found):
-        rows = rank[place.ravel()[start : start + len(candidate.indices)]]
+    for k, candidate in enumerate(candidates):
+        rows = rank[row_of_term.ravel()[start : start + len(candidate.indices)]]
         coefficients[rows, k] = candidate.fit.coefficients
         start += len(candidate.indices)
     return ChaosExpansion(
         PolynomialBasis(space, union[order]),
         coefficients,
-        np.array([f.fit.leave_one_out_error for f in found]),
-        tuple((f.degree, f.norm) for f in found),
+        np.array([f.fit.leave_one_out_error for f in candidates]),
+        tuple((f.degree, f.norm) for f in candidates),
         theta,
         outputs,
     )
 
 
 def _shrunk_expansion(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ChaosExpansion:
-    """The expansion with more terms than runs, whose coefficients shrink with the degree."""
+    """Expansion with more terms than runs, whose coefficients shrink with the degree."""
     fit = fit_shrunk(space, theta, outputs)
     truncation = ((int(fit.basis.indices.sum(axis=1).max()), 1.0),) * outputs.shape[1]
     return ChaosExpansion(fit.basis, fit.coefficients, fit.leave_one_out_error, truncation, theta, outputs)

@@ -71,7 +71,7 @@ class PolynomialBasis:
         return product
 
     def variables(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Return the variables of the polynomials: the parameters, or what they are transformed to first; see `box`."""
+        """Return the variables of the polynomials: the parameters, or their transformation; see `box`."""
         if self.space.correlation is not None and self.box is None:
             return standard_normal(self.space, theta)
         if self.box is None:
@@ -83,21 +83,21 @@ class PolynomialBasis:
         if self.box is None:
             return coefficients
         degrees = self.indices.max(axis=0, initial=0)
-        place = {tuple(index): row for row, index in enumerate(self.indices)}
-        found = coefficients
+        row_of_index = {tuple(index): row for row, index in enumerate(self.indices)}
+        converted = coefficients
         for i, (mine, prior) in enumerate(zip(self.families, self.prior_families(degrees + MORE_NODES), strict=True)):
             change = prior.expansion_of(mine, int(degrees[i]), *self.box[i])  # change[m, n] = E[p_m q_n]
-            moved = np.zeros_like(found)
+            next_coefficients = np.zeros_like(converted)
             for row, index in enumerate(self.indices):
                 for lower in range(index[i] + 1):
-                    target = place[(*index[:i], lower, *index[i + 1 :])]
-                    moved[target] += change[lower, index[i]] * found[row]
-            found = moved
-        return found
+                    target = row_of_index[(*index[:i], lower, *index[i + 1 :])]
+                    next_coefficients[target] += change[lower, index[i]] * converted[row]
+            converted = next_coefficients
+        return converted
 
 
 def box_variables(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-    """Return the variables of polynomials on a box: those of the prior's own, so that each family can be expanded in the other."""
+    """Return variables on a box in which polynomials of the prior and of the box can be expanded in each other."""
     if space.correlation is not None:
         return standard_normal(space, theta)
     numpy = namespace(theta)

@@ -39,7 +39,7 @@ NEGLIGIBLE = 1e-11
 """Share of the energy (sum of squares) of the coefficients that may be left out."""
 
 ROUNDS = 3
-"""Number of times the basis is chosen, each time with the decay rates found so far."""
+"""Number of times the basis is chosen, each time with the current decay rates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,38 +62,38 @@ def fit_shrunk(
     low, high = variables.min(axis=0), variables.max(axis=0)
     box = np.stack([low, np.where(high > low, high, low + 1.0)], axis=1)
     most = min(MOST_TERMS, 5 * len(theta) + 100)
-    place = np.append(np.full(dimension, -0.7), -12.0)
+    parameters = np.append(np.full(dimension, -0.7), -12.0)
     for number in range(ROUNDS):
-        indices = weighted_indices(np.exp(place[:dimension]), most if number == ROUNDS - 1 else most // 2)
+        indices = weighted_indices(np.exp(parameters[:dimension]), most if number == ROUNDS - 1 else most // 2)
         basis = PolynomialBasis(space, indices, box)
         evidence = _Evidence(basis.evaluate(theta), indices, outputs - outputs.mean(axis=0))
-        place, _, _ = quasi_newton(evidence, evidence.bounds, place, np.eye(dimension + 1) / len(theta))
-    coefficients, residuals = evidence.solution(place)
+        parameters, _, _ = quasi_newton(evidence, evidence.bounds, parameters, np.eye(dimension + 1) / len(theta))
+    coefficients, residuals = evidence.solution(parameters)
     coefficients[0] += outputs.mean(axis=0)
     error = np.mean(residuals**2, axis=0) / outputs.var(axis=0)
     kept = _worth_keeping(indices, coefficients)
-    return ShrunkFit(basis[kept], coefficients[kept], error, np.exp(place[:dimension]))
+    return ShrunkFit(basis[kept], coefficients[kept], error, np.exp(parameters[:dimension]))
 
 
 def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Rising positions of the terms that carry energy, and of every term that is lower than one of them in some parameter."""
+    """Ascending positions of the terms with energy, and of every term that is lower than one of them in some parameter."""
     energy = np.sum(coefficients**2, axis=1)
     rising = np.argsort(energy)
     needed = np.ones(len(energy), dtype=bool)
     needed[rising[np.cumsum(energy[rising]) < NEGLIGIBLE * energy[1:].sum()]] = False
     # Add the lower neighbours of every term kept, from the highest degree down.
-    place = {tuple(index): row for row, index in enumerate(indices)}
+    row_of_index = {tuple(index): row for row, index in enumerate(indices)}
     for row in np.argsort(-indices.sum(axis=1), kind="stable"):
         if needed[row]:
             for j in np.flatnonzero(indices[row]):
                 lower = indices[row].copy()
                 lower[j] -= 1
-                needed[place[tuple(lower)]] = True
+                needed[row_of_index[tuple(lower)]] = True
     return np.flatnonzero(needed)
 
 
 def weighted_indices(rates: Float[np.ndarray, " parameter"], most: int) -> Int[np.ndarray, "term parameter"]:
-    """Return the multi-indices with the smallest Σ wⱼ αⱼ; with each come all that are lower in some parameter."""
+    """Return the multi-indices with the smallest Σ wⱼ αⱼ, including all that are lower in some parameter."""
     budget = rates.min()
     while True:
         indices = _within(rates, budget)
@@ -118,25 +118,25 @@ def _within(rates: np.ndarray, budget: float) -> np.ndarray:
 
 
 class _Evidence:
-    """Negative log evidence N/2 log σ̂² + ½ log|C|, C = Ψ Λ Ψᵀ + g I, with its gradient by log w and log g."""
+    """Negative log evidence N/2 log σ̂² + ½ log|C|, C = Ψ Λ Ψᵀ + g I, with its gradient with respect to log w and log g."""
 
     def __init__(self, columns: np.ndarray, indices: np.ndarray, outputs: np.ndarray) -> None:
         self.columns, self.indices, self.outputs = columns, indices.astype(np.float64), outputs
         self.bounds = [LOG_RATES] * indices.shape[1] + [LOG_NOISES]
 
-    def _prior(self, place: np.ndarray) -> np.ndarray:
+    def _prior(self, parameters: np.ndarray) -> np.ndarray:
         """Prior variances λ_α, shape (term,)."""
-        return np.asarray(np.exp(-2.0 * self.indices @ np.exp(place[:-1])))
+        return np.asarray(np.exp(-2.0 * self.indices @ np.exp(parameters[:-1])))
 
-    def _factor(self, place: np.ndarray) -> np.ndarray:
+    def _factor(self, parameters: np.ndarray) -> np.ndarray:
         """Lower Cholesky factor of C; the noise stays above the rounding error of the sum."""
-        scaled = self.columns * np.sqrt(self._prior(place))
+        scaled = self.columns * np.sqrt(self._prior(parameters))
         matrix = scaled @ scaled.T
-        noise = max(float(np.exp(place[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
+        noise = max(float(np.exp(parameters[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
         return raised_cholesky(matrix, noise)[0]
 
-    def __call__(self, place: np.ndarray) -> tuple[float, np.ndarray]:
-        factor = self._factor(place)
+    def __call__(self, parameters: np.ndarray) -> tuple[float, np.ndarray]:
+        factor = self._factor(parameters)
         inverse = inverse_of(factor)
         runs, outputs = self.outputs.shape
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
@@ -144,13 +144,13 @@ class _Evidence:
         value = 0.5 * runs * np.log(variance) + float(np.sum(np.log(np.diag(factor))))
         by_matrix = 0.5 * (inverse - weights @ weights.T / (variance * outputs))
         # d C / d log wⱼ = −2 wⱼ Σ_α αⱼ λ_α ψ_αψ_αᵀ
-        share = self._prior(place) * np.einsum("ia,ia->a", self.columns, by_matrix @ self.columns)
-        slope = -2.0 * np.exp(place[:-1]) * (self.indices.T @ share)
-        return value, np.append(slope, np.exp(place[-1]) * np.trace(by_matrix))
+        share = self._prior(parameters) * np.einsum("ia,ia->a", self.columns, by_matrix @ self.columns)
+        slope = -2.0 * np.exp(parameters[:-1]) * (self.indices.T @ share)
+        return value, np.append(slope, np.exp(parameters[-1]) * np.trace(by_matrix))
 
-    def solution(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def solution(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients (term, output) and leave-one-out residuals (run, output)."""
-        factor = self._factor(place)
+        factor = self._factor(parameters)
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
-        coefficients = self._prior(place)[:, None] * (self.columns.T @ weights)
+        coefficients = self._prior(parameters)[:, None] * (self.columns.T @ weights)
         return coefficients, weights / np.diag(inverse_of(factor))[:, None]

@@ -1,1 +1,1 @@
-"""Kriging: correlations and the predictor they give."""
+"""Kriging: correlation functions, hyper-parameters, the fitted predictor."""

@@ -81,7 +81,7 @@ class CorrelationMatrices:
         return np.asarray(correlation_of(family, True, list(rates.T[:, :, None] * self._distances[:, None, :])))
 
     def _filled(self, pairs: np.ndarray) -> np.ndarray:
-        """The whole matrix, from what is above its diagonal."""
+        """The whole matrix, from its part above the diagonal."""
         size = len(self._points)
         whole = np.empty(size * size)
         above, below = self._places
@@ -92,7 +92,7 @@ class CorrelationMatrices:
 
     @functools.cached_property
     def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where every two points stand in the flat matrix, above and below its diagonal."""
+        """Positions of every pair in the flat matrix, above and below its diagonal."""
         row, column = np.triu_indices(len(self._points), 1)
         return row * len(self._points) + column, column * len(self._points) + row
 
@@ -135,24 +135,26 @@ def _rows(points: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
 def _compiled(family: str, separable: bool) -> tuple[InLanes, InLanes]:
     """Functions of many points, each with the log lengths in its row: correlations with a design, and derivatives of their sum."""
 
-    def with_one(log_lengths: Any, own: Any, point: Any) -> Any:
-        """Correlations of many points, each with lengths of its own, with one."""
+    def with_one(log_lengths: Any, own_lengths: Any, point: Any) -> Any:
+        """Correlations of many points, each with its own lengths, with one point."""
         rates = jnp.exp(-log_lengths)
-        return correlation_of(family, separable, [(own[:, j] - point[j]) * rates[:, j] for j in range(own.shape[1])])
+        return correlation_of(
+            family, separable, [(own_lengths[:, j] - point[j]) * rates[:, j] for j in range(own_lengths.shape[1])]
+        )
 
     # Compiled by itself, so that it is not traced again for every design.
     slopes = jax.jit(jax.grad(lambda *arguments: with_one(*arguments).sum()))
 
     def columns(rows: Any, points: Any) -> Any:
-        own, log_lengths = _halves(rows)
-        return lax.scan(lambda _, point: (None, with_one(log_lengths, own, point)), None, points)[1]
+        own_lengths, log_lengths = _halves(rows)
+        return lax.scan(lambda _, point: (None, with_one(log_lengths, own_lengths, point)), None, points)[1]
 
     def gradients(rows: Any, signals: Any, points: Any) -> Any:
-        own, log_lengths = _halves(rows)
+        own_lengths, log_lengths = _halves(rows)
 
-        def step(total: Any, beside: tuple[Any, Any]) -> tuple[Any, None]:
-            point, weights = beside
-            return total + weights[0][:, None] * slopes(log_lengths, own, point), None
+        def step(total: Any, own_row: tuple[Any, Any]) -> tuple[Any, None]:
+            point, weights = own_row
+            return total + weights[0][:, None] * slopes(log_lengths, own_lengths, point), None
 
         return lax.scan(step, jnp.zeros_like(log_lengths), (points, signals))[0]
 

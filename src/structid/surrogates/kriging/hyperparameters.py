@@ -73,7 +73,7 @@ class HyperparameterObjective:
         return self._of(parameters, self.matrix(parameters), True)
 
     def _of(self, parameters: np.ndarray, matrix: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """The objective, and its gradient if it is wanted, from the correlations of the points."""
+        """The objective, and its gradient on request, from the correlations of the points."""
         try:
             cholesky, nugget = raised_correlation_cholesky(matrix, self.diagonal(parameters))
             by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
@@ -136,22 +136,22 @@ def search_hyperparameters(
     screening = objective.on(data.some(np.sort(order[:SCREENING_POINTS])))
     bounds = objective.bounds
     coarse = objective.on(data.some(np.sort(order[: max(GLOBAL_POINTS, 2 * data.trend.shape[1])])))
-    found = scipy.optimize.differential_evolution(
+    optimum = scipy.optimize.differential_evolution(
         coarse.values, bounds, init=_first_generation(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
         vectorized=True, updating="deferred",
     )  # fmt: skip
-    best, lowest = found.x, np.inf
-    for start in found.population[np.argsort(found.population_energies)[: max(starts, 1)]]:
-        place = scipy.optimize.minimize(screening, start, jac=True, method="L-BFGS-B", bounds=bounds).x
-        covariance = _inverse_curvature(screening, place)
+    best, lowest = optimum.x, np.inf
+    for start in optimum.population[np.argsort(optimum.population_energies)[: max(starts, 1)]]:
+        parameters = scipy.optimize.minimize(screening, start, jac=True, method="L-BFGS-B", bounds=bounds).x
+        covariance = _inverse_curvature(screening, parameters)
         runs = len(screening.data.points)
         for stage in stages:
             covariance = covariance * (runs / len(stage.data.points))
-            place, covariance, value = quasi_newton(stage, stage.bounds, place, covariance)
+            parameters, covariance, value = quasi_newton(stage, stage.bounds, parameters, covariance)
             runs = len(stage.data.points)
             step_done()
         if value < lowest:
-            best, lowest = place, value
+            best, lowest = parameters, value
     return np.asarray(best)
 
 
@@ -159,17 +159,18 @@ def refined_hyperparameters(
     objective: HyperparameterObjective, start: Float[np.ndarray, " hyperparameter"], step_done: Steps
 ) -> Float[np.ndarray, " hyperparameter"]:
     """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum."""
-    place = np.clip(start, *np.array(objective.bounds).T)
-    place, _, _ = quasi_newton(objective, objective.bounds, place, _inverse_curvature(objective, place))
+    parameters = np.clip(start, *np.array(objective.bounds).T)
+    parameters, _, _ = quasi_newton(objective, objective.bounds, parameters, _inverse_curvature(objective, parameters))
     step_done()
-    return place
+    return parameters
 
 
-def _inverse_curvature(objective: HyperparameterObjective, place: np.ndarray) -> np.ndarray:
+def _inverse_curvature(objective: HyperparameterObjective, parameters: np.ndarray) -> np.ndarray:
     """Inverse of the matrix of second derivatives, from differences of gradients; flat directions get a finite value."""
     step = 1e-3
     slopes = [
-        (objective(place + step * e)[1] - objective(place - step * e)[1]) / (2 * step) for e in np.eye(len(place))
+        (objective(parameters + step * e)[1] - objective(parameters - step * e)[1]) / (2 * step)
+        for e in np.eye(len(parameters))
     ]
     values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.array(slopes).T))
     return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)

@@ -1,4 +1,4 @@
-"""Keys of a study file that set a Kriging, alone or inside another surrogate."""
+"""Study-file keys of a Kriging, alone or inside another surrogate."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ KRIGING_KEYS = {
     "starts": Annotated[int, Field(ge=1)],
     "shared": bool,
 }
-"""Keys and their types; `Kriging` says what they mean."""
+"""Keys and their types; see `Kriging`."""
 
 
 def kriging_settings(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Part the keys of a Kriging from others."""
-    own = {key: value for key, value in given.items() if key in KRIGING_KEYS}
-    if own.get("trend") == "pce":
-        own["trend"] = PCE()
-    return own, {key: value for key, value in given.items() if key not in KRIGING_KEYS}
+    """Separate the keys of a Kriging from others."""
+    kriging_keys = {key: value for key, value in given.items() if key in KRIGING_KEYS}
+    if kriging_keys.get("trend") == "pce":
+        kriging_keys["trend"] = PCE()
+    return kriging_keys, {key: value for key, value in given.items() if key not in KRIGING_KEYS}

@@ -19,10 +19,10 @@ SMALLEST_NUGGET = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class KrigingData:
-    """What a Kriging is fitted to."""
+    """Data of a Kriging fit."""
 
-    points: Float[np.ndarray, "run parameter"]  # Standardised points
-    trend: Float[np.ndarray, "run term"]  # F, the terms of the trend there
+    points: Float[np.ndarray, "run parameter"]  # standardised points
+    trend: Float[np.ndarray, "run term"]  # F, the terms of the trend at these points
     outputs: Float[np.ndarray, "run output"]  # y
 
     def some(self, rows: np.ndarray) -> KrigingData:

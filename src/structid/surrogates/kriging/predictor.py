@@ -87,8 +87,8 @@ class KrigingGroup:
     def mean_and_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
-        The difference is known to `SMALLEST_NUGGET` only. Where runs are noisy and no nugget is given, σ² is so large that
-        this is the variance of the noise; less is never claimed.
+        The difference is accurate to `SMALLEST_NUGGET` only, which is therefore the smallest value claimed. Where runs are noisy
+        and no nugget is given, σ² is so large that this equals the variance of the noise.
         """
         numpy, f, r = namespace(theta), self.trend.evaluate(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg
@@ -120,7 +120,7 @@ class KrigingPredictor:
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Positions in the outputs of all groups, joined, of the outputs in their own order."""
+        """Positions of the outputs, in their own order, among the concatenated outputs of all groups."""
         return np.argsort(np.concatenate([g.outputs for g in self.groups]))
 
     @property
@@ -170,9 +170,9 @@ class KrigingPredictor:
         arrays: dict[str, np.ndarray] = {}
         for number, group in enumerate(self.groups):
             plain[str(number)] = {"family": group.family, "separable": group.separable, "nugget": group.factors.nugget}
-            own = {name: getattr(group, name) for name in _GROUP_ARRAYS}
-            own |= {name: getattr(group.factors, name) for name in _FACTOR_ARRAYS}
-            arrays |= put_under(str(number), {**own, "trend": group.trend.indices})
+            arrays_of_group = {name: getattr(group, name) for name in _GROUP_ARRAYS}
+            arrays_of_group |= {name: getattr(group.factors, name) for name in _FACTOR_ARRAYS}
+            arrays |= put_under(str(number), {**arrays_of_group, "trend": group.trend.indices})
         return plain, arrays
 
     @classmethod
@@ -181,16 +181,18 @@ class KrigingPredictor:
     ) -> KrigingPredictor:
         """Rebuild a predictor from what `to_plain` returned."""
         groups = []
-        for number, said in plain.items():
-            own = found_under(number, arrays)
-            factors = KrigingFactors(nugget=said["nugget"], **{name: own[name] for name in _FACTOR_ARRAYS})
+        for number, description in plain.items():
+            arrays_of_group = found_under(number, arrays)
+            factors = KrigingFactors(
+                nugget=description["nugget"], **{name: arrays_of_group[name] for name in _FACTOR_ARRAYS}
+            )
             groups.append(
                 KrigingGroup(
-                    said["family"],
-                    said["separable"],
-                    trend=PolynomialBasis(space, own["trend"]),
+                    description["family"],
+                    description["separable"],
+                    trend=PolynomialBasis(space, arrays_of_group["trend"]),
                     factors=factors,
-                    **{name: own[name] for name in _GROUP_ARRAYS},
+                    **{name: arrays_of_group[name] for name in _GROUP_ARRAYS},
                 )
             )
         return cls(space, tuple(groups))

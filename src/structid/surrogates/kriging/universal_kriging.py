@@ -1,4 +1,4 @@
-"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or one for each.
+"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or separate.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -31,10 +31,10 @@ from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
 from structid.surrogates.regression import check_training
 
 SMALL = 500
-"""Points of a design whose many small systems one thread of BLAS solves: several wait for each other longer than they work."""
+"""Design size up to which one BLAS thread solves the many small systems: several threads would mostly wait for each other."""
 
 LOST = 0.1
-"""Share of the sum of squares that may be left when runs are left out, before a search from known lengths is taken for lost."""
+"""Leave-one-out residual sum of squares, as a fraction, above which a search from previous lengths is considered failed."""
 
 
 @check_arguments
@@ -117,11 +117,11 @@ class Kriging:
         if self.nugget == 0.0:
             _check_distinct(theta)
         groups = [np.arange(outputs.shape[1])] if self.shared else [np.array([k]) for k in range(outputs.shape[1])]
-        known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
+        previous = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
         forms = len(groups) * len(self._forms(theta))
-        step_done = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
+        step_done = Steps(progress, forms * (1 if previous else max(self.starts, 1) * len(stage_sizes(len(theta)))))
         with blas_threads(1 if len(theta) <= SMALL else None):
-            fitted = [self._fit_group(design, theta, outputs[:, group], group, known, step_done) for group in groups]
+            fitted = [self._fit_group(design, theta, outputs[:, group], group, previous, step_done) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
@@ -135,7 +135,7 @@ class Kriging:
         theta: np.ndarray,
         outputs: np.ndarray,
         group: np.ndarray,
-        known: KrigingGroup | None,
+        previous: KrigingGroup | None,
         step_done: Steps,
     ) -> KrigingGroup:
         """Fit outputs that share a correlation; of its two forms the one with the smaller leave-one-out error is kept."""
@@ -145,17 +145,17 @@ class Kriging:
                 "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
             )
 
-        def best(known: KrigingGroup | None, step_done: Steps) -> KrigingGroup:
+        def best(previous: KrigingGroup | None, step_done: Steps) -> KrigingGroup:
             forms = [
-                self._fit_form(theta, outputs, group, trend, form, known, step_done) for form in self._forms(theta)
+                self._fit_form(theta, outputs, group, trend, form, previous, step_done) for form in self._forms(theta)
             ]
             return min(forms, key=_left_over)
 
-        found = best(known, step_done)
-        if known is None or _left_over(found) <= LOST * float(np.sum((outputs - outputs.mean(axis=0)) ** 2)):
-            return found
+        group_fit = best(previous, step_done)
+        if previous is None or _left_over(group_fit) <= LOST * float(np.sum((outputs - outputs.mean(axis=0)) ** 2)):
+            return group_fit
         # Lengths of a few runs may be a trap: so short that nothing is learnt, and no small step leads away from there.
-        return min(found, best(None, Steps(None, 1)), key=_left_over)
+        return min(group_fit, best(None, Steps(None, 1)), key=_left_over)
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
         """Terms of the trend."""
@@ -176,7 +176,7 @@ class Kriging:
         group: np.ndarray,
         trend: PolynomialBasis,
         separable: bool,
-        known: KrigingGroup | None,
+        previous: KrigingGroup | None,
         step_done: Steps,
     ) -> KrigingGroup:
         """Fit outputs with one form of the correlation."""
@@ -184,11 +184,11 @@ class Kriging:
         scale = np.where(scale > 0, scale, 1.0)
         data = KrigingData((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = HyperparameterObjective(data, self.correlation, separable, self.nugget, self.estimation)
-        if known is None:
+        if previous is None:
             best = search_hyperparameters(objective, self.starts, stream(self.seed, Purpose.KRIGING_SEARCH), step_done)
         else:
-            nugget = [np.log(known.factors.nugget)] * (self.nugget == "estimate")
-            best = refined_hyperparameters(objective, np.append(np.log(known.lengths / scale), nugget), step_done)
+            nugget = [np.log(previous.factors.nugget)] * (self.nugget == "estimate")
+            best = refined_hyperparameters(objective, np.append(np.log(previous.lengths / scale), nugget), step_done)
         try:
             factors = KrigingFactors.of(data, objective.matrix(best), objective.diagonal(best))
         except np.linalg.LinAlgError:
@@ -202,12 +202,12 @@ class Kriging:
 
 
 def _left_over(group: KrigingGroup) -> float:
-    """Sum of squares that is left when each run is foretold by the others."""
+    """Leave-one-out residual sum of squares."""
     return float(np.sum(group.leave_one_out_residuals**2))
 
 
 def _check_distinct(theta: np.ndarray) -> None:
-    """Refuse points that occur twice."""
+    """Refuse duplicate points."""
     _, first, count = np.unique(theta, axis=0, return_index=True, return_counts=True)
     if (count > 1).any():
         row = int(first[np.argmax(count > 1)])

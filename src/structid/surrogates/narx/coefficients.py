@@ -20,46 +20,46 @@ from structid.surrogates.regression_list import regression_from_plain
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them."""
+    """Coefficients of the recursion as functions of the parameters: a trend, and Kriging of some deviations from it."""
 
-    trend: ChaosExpansion  # All coefficients
-    deviation: Regression | None = None  # Scaled deviations from the trend
-    varying: np.ndarray | None = None  # Which coefficients deviate
-    scale: np.ndarray | None = None  # Scale of their deviations
+    trend: ChaosExpansion  # trend of all coefficients
+    deviation: Regression | None = None  # Kriging of the scaled deviations
+    varying: np.ndarray | None = None  # indices of the coefficients that deviate
+    scale: np.ndarray | None = None  # scale of their deviations
     # Whose coordinates trend and deviation take; they take the parameters themselves when left out
     space: ParameterSpace | None = None
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run coefficient"]:
-        """Coefficients at points."""
+        """Coefficients at parameter points."""
         point = theta if self.space is None else self.space.in_coordinates(theta)
-        found = self.trend.predict(point)
+        coefficients = self.trend.predict(point)
         if self.deviation is None or self.varying is None or self.scale is None:
-            return found
-        places = self.scale[:, None] * np.eye(found.shape[1])[self.varying]
-        return found + product(self.deviation.predict(point), places)
+            return coefficients
+        places = self.scale[:, None] * np.eye(coefficients.shape[1])[self.varying]
+        return coefficients + product(self.deviation.predict(point), places)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what they consist of, for a file."""
+        """Contents for a file."""
         plain, arrays = self.trend.to_plain()
-        said: dict[str, Any] = {"trend": plain}
+        contents: dict[str, Any] = {"trend": plain}
         if self.space is not None:
-            said["coordinates"] = self.trend.basis.space.to_plain()
-        found = put_under("trend", arrays)
+            contents["coordinates"] = self.trend.basis.space.to_plain()
+        result = put_under("trend", arrays)
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
-            said["deviation"] = [self.deviation.word, plain]
-            found |= put_under("deviation", arrays)
-            found |= {"varying": self.varying, "scale": self.scale}
-        return said, found
+            contents["deviation"] = [self.deviation.word, plain]
+            result |= put_under("deviation", arrays)
+            result |= {"varying": self.varying, "scale": self.scale}
+        return contents, result
 
     @classmethod
     def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
-        """Make them again from what `to_plain` said."""
-        own = space if "coordinates" in plain else None
-        inner = space if own is None else ParameterSpace.from_plain(plain["coordinates"])
+        """Rebuild from the result of `to_plain`."""
+        coordinates = space if "coordinates" in plain else None
+        inner = space if coordinates is None else ParameterSpace.from_plain(plain["coordinates"])
         trend = ChaosExpansion.from_plain(inner, plain["trend"], found_under("trend", arrays))
         if "deviation" not in plain:
-            return cls(trend, space=own)
-        word, said = plain["deviation"]
-        deviation = regression_from_plain(word, inner, said, found_under("deviation", arrays))
-        return cls(trend, deviation, arrays["varying"], arrays["scale"], own)
+            return cls(trend, space=coordinates)
+        word, contents = plain["deviation"]
+        deviation = regression_from_plain(word, inner, contents, found_under("deviation", arrays))
+        return cls(trend, deviation, arrays["varying"], arrays["scale"], coordinates)

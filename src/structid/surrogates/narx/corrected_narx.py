@@ -1,4 +1,4 @@
-"""A NARX for any record, and a POD-Kriging of what it leaves over on the records whose runs are known."""
+"""A NARX for any record, with a POD-Kriging of its residuals on the records of the runs."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from structid.surrogates.pod.pod_kriging import PODKriging
 from structid.surrogates.surrogate_kind import SurrogateKind
 
 STAGES = {"narx": 10.0, "rest": 2.0}
-"""Stages of a fit, and their share of its time."""
+"""Stages of a fit, and their fraction of its time."""
 
 LARGEST_ENERGY = 0.5
-"""Share of the variance of what is left over that its components may leave out at most."""
+"""Largest fraction of the residuals' variance that their components may omit."""
 
 
 class TrainedNARX(SurrogateSettings, Protocol):
-    """Settings of a NARX that takes any record."""
+    """Settings of a NARX that accepts any record."""
 
     @property
     def outside(self) -> OutsideRule:
-        """What happens beyond the range of the design."""
+        """Treatment of points outside the range of the design."""
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
+        """All settings, JSON-compatible."""
 
     def fit(
         self, runs: Runs, progress: Progress | None = None, weights: Float[np.ndarray, " run"] | None = None
@@ -84,22 +84,22 @@ class CorrectedNARX:
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error with which it may be used in a posterior: that of the NARX."""
+        """Largest mean relative error accepted in a posterior: that of the NARX."""
         return self.narx.limit
 
     @property
     def outside(self) -> OutsideRule:
-        """What happens beyond the range of the design: as the NARX says."""
+        """Treatment of points outside the range of the design: as for the NARX."""
         return self.narx.outside
 
     @property
     def forms(self) -> tuple[CorrectedNARX, ...]:
-        """Forms of the Kriging, of the rest or of the whole, to choose among where the posterior is; see `PODKriging.forms`."""
+        """Forms of the Kriging, of the residuals or of the whole response, for a calibration; see `PODKriging.forms`."""
         return tuple(replace(self, rest=form, whole=whole) for whole in (False, True) for form in self.rest.forms)
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
+        """All settings, JSON-compatible."""
         return {
             "narx": {"kind": type(self.narx).__name__, **self.narx.in_words},
             "rest": self.rest.in_words,
@@ -154,26 +154,26 @@ class CorrectedNARX:
         """
         watch, stages = Stopwatch(), Stages(progress, STAGES)
         done, left_out = fitting_runs("CorrectedNARX.fit", runs)
-        seen = run_digests(done)
-        if start is not None and start.fitted.seen == seen:
+        digests = run_digests(done)
+        if start is not None and start.fitted.seen == digests:
             narx = start.narx
         else:
             narx = self.narx.fit(runs, stages.of("narx"), weights=weights)
         stages.done("narx")
         left_over, share = (done, 1.0) if self.whole else _left_over(narx, done)
         energy = min(self.rest.energy / share, LARGEST_ENERGY)
-        known = start.rest if start is not None and start.whole == self.whole else None
-        rest = replace(self.rest, left_out_energy=energy).fit(left_over, stages.of("rest"), known)
+        start_of_rest = start.rest if start is not None and start.whole == self.whole else None
+        rest = replace(self.rest, left_out_energy=energy).fit(left_over, stages.of("rest"), start_of_rest)
         fit = Fit(
             "CorrectedNARX", self.in_words, done.design.space, done.channels, rest.fitted.excitation, rest.fitted.dt,
             *fitted_range(done.design), len(left_over), left_out + len(done) - len(left_over), rest.fitted.error * share,
-            self.limit, self.outside, watch.seconds, seen, self.rest.reach or 0.0,
+            self.limit, self.outside, watch.seconds, digests, self.rest.reach or 0.0,
         )  # fmt: skip
         return NARXWithRest(fit, narx, rest, self.whole)
 
 
 def _left_over(narx: ParametricNARX, runs: Runs) -> tuple[Runs, float]:
-    """What a NARX leaves over of runs through which it comes, and its mean square relative to the runs' own variance."""
+    """Residuals of a NARX in runs that it completes, and their mean square relative to the runs' own variance."""
     values, through = np.full(runs.stored.shape, np.nan), np.zeros(len(runs), dtype=bool)
     squares, variance = np.zeros((2, len(runs.channels)))
     for number in np.unique(runs.record_of_run):

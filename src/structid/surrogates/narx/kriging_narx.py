@@ -47,7 +47,7 @@ class KrigingNARX(NARXSettings):
 
     @property
     def forms(self) -> tuple[CorrectedNARX, ...]:
-        """What stands for it in a calibration, where a surrogate must come through the runs: with what it leaves over."""
+        """Forms for a calibration, where a surrogate must interpolate the runs: with an interpolation of its residuals."""
         return CorrectedNARX(self).forms
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:

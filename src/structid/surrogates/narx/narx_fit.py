@@ -1,4 +1,4 @@
-"""Fitting a NARX to runs: signals and structure, coefficients as functions of the parameters, and what the fit is worth."""
+"""Fit of a NARX to runs: signals and structure, coefficients as functions of the parameters, error of the fit."""
 
 from __future__ import annotations
 
@@ -40,25 +40,25 @@ from structid.surrogates.narx.training.training_set import TrainingSet, spread_r
 from structid.surrogates.regression import Regression
 
 TRAINING_BOUND = 2.0
-"""While training, outputs are kept within this many times the largest one seen."""
+"""During training, outputs are bounded by this multiple of the largest one in the data."""
 
 LOSS_SCALE = 1e-3
 """Errors beyond this count only by their logarithm."""
 
 LAST_STEPS = 4
-"""Training steps that see all runs."""
+"""Final training steps, which use all runs."""
 
 RESCUE_HORIZONS = (16, 128)
-"""Samples between restarts in the training that goes before, where free runs of the regression diverge."""
+"""Samples between restarts in preliminary training, where free runs of the regression diverge."""
 
 LOST = 0.1
-"""Free runs of the regression whose robust mean error exceeds this are lost."""
+"""Free runs of the regression diverge if their robust mean error exceeds this."""
 
 HORIZON_STEPS = 4
 """Largest number of training steps with each horizon."""
 
 STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
-"""Stages of a fit, and their share of its time."""
+"""Stages of a fit, and their fraction of its time."""
 
 
 class NARXFit:
@@ -92,7 +92,7 @@ class NARXFit:
 
     @cached_property
     def points(self) -> Design:
-        """Points of the finished runs, in the coordinates of their space where it has some."""
+        """Points of the completed runs, in the coordinates of their space if it has any."""
         return coordinate_design(self.runs.design)
 
     def _coefficients(
@@ -106,13 +106,13 @@ class NARXFit:
         return Coefficients(trend, deviation, varying, scale, space if space.coordinates else None)
 
     def pc_narx(self, pce: PCE) -> ParametricNARX:
-        """Fit coefficients that are chaos expansions."""
+        """Fit coefficients as chaos expansions."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(pce))
         return self._surrogate(self._coefficients(self._joint()))
 
     def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
-        """Fit coefficients that are interpolated by Kriging."""
+        """Fit coefficients interpolated by Kriging."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(kriging))
         trend = self._joint()
@@ -122,16 +122,16 @@ class NARXFit:
         return self._surrogate(self._with_deviation(trend, refined - start, kriging))
 
     def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
-        """Coefficients of each experiment by ordinary least squares, interpolated: the way of the thesis (docs/bibliography.md)."""
+        """Interpolate the least-squares coefficients of each experiment, as the thesis does (docs/bibliography.md)."""
         data = self.data[self.fitted]
-        found = least_squares_of_each(self.free_run, data)
+        coefficients = least_squares_of_each(self.free_run, data)
         space = self.points.space
         mean = PolynomialBasis(space, multi_indices(space.dimension, 0))
-        trend = self._expansion(mean, found.mean(axis=0)[:, None], np.ones((len(found), 1)))
-        return self._with_deviation(trend, found - found.mean(axis=0), regression)
+        trend = self._expansion(mean, coefficients.mean(axis=0)[:, None], np.ones((len(coefficients), 1)))
+        return self._with_deviation(trend, coefficients - coefficients.mean(axis=0), regression)
 
     def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
-        """Add an interpolation of the deviations from a trend, for coefficients that deviate at all."""
+        """Add an interpolation of the deviations from a trend, for coefficients that deviate."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
             return self._coefficients(trend)
@@ -140,7 +140,7 @@ class NARXFit:
         return self._coefficients(trend, fitted, varying, scale)
 
     def _joint(self) -> ChaosExpansion:
-        """Coefficients as chaos expansions trained together."""
+        """Coefficients as jointly trained chaos expansions."""
         basis = self._basis()
         features = basis.evaluate(self.points.values)
         data, rows = self.data[self.fitted], features[self.fitted]
@@ -178,7 +178,7 @@ class NARXFit:
         return self._expansion(basis, trained.coefficients, rows)
 
     def _over_short_horizons(self, start: np.ndarray, features: np.ndarray, data: TrainingSet) -> np.ndarray:
-        """Train on runs that restart from the measured past: if asked for, or where free runs are lost."""
+        """Train on runs that restart from the measured past: on request, or where free runs diverge."""
         horizons = self.settings.horizons
         if horizons is None:
             loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE, data.weights)

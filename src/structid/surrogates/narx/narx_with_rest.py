@@ -1,4 +1,4 @@
-"""A fitted NARX, and what it leaves over on the records whose runs are known."""
+"""A fitted NARX with an interpolation of its residuals on the records of its runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from structid.surrogates.pod.score_shortcut import ScoreShortcut
 
 
 class NARXWithRest(Surrogate):
-    """A fitted `CorrectedNARX`: takes any record, and is at its best on those of its runs."""
+    """A fitted `CorrectedNARX`: accepts any record, and is most accurate on those of its runs."""
 
     own_records: ClassVar[bool] = True  # not only these, but its response to them is another one
 
@@ -33,18 +33,18 @@ class NARXWithRest(Surrogate):
 
     @property
     def kind_in_words(self) -> str:
-        """The kind that the user named, and that more is known on some records."""
+        """The kind named by the user, with its correction on some records."""
         return f"{self.narx.fitted.kind} surrogate (interpolated on the records of its runs)"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """The terms, and the records on which more is known."""
-        known = ", ".join(f"'{fit.name}'" for fit in self.rest.records.values())
+        """The terms, and the records with a correction."""
+        records = ", ".join(f"'{fit.name}'" for fit in self.rest.records.values())
         of = "the response itself is interpolated on" if self.whole else "what they leave over is interpolated on"
-        return [*self.narx.structure_in_words, (of, known)]
+        return [*self.narx.structure_in_words, (of, records)]
 
     def knows(self, identity: str) -> bool:
-        """Say whether runs on a record are known."""
+        """Whether the surrogate was fitted to runs on a record."""
         return identity in self.rest.records
 
     def _alone(self, identity: str) -> ParametricNARX | ResponseSpaceSurrogate | None:
@@ -58,13 +58,13 @@ class NARXWithRest(Surrogate):
         self.narx.check_excitation(excitation)
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points, and warn of an excitation stronger than those it was fitted to."""
+        """Check excitation and points; warn of an excitation stronger than those of the fit."""
         super().before_run(theta, excitation)
         if not self.knows(excitation.content_hash):
             self.narx.before_run(theta, excitation)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop of the free run, to each sample of which the rest is added; see `TraceableModel.time_loop`."""
+        """Loop of the free run with the correction added at each sample; see `TraceableModel.time_loop`."""
         admitted = self.admitted(theta)
         alone = self._alone(excitation.identity)
         if alone is not None:
@@ -108,14 +108,14 @@ class NARXWithRest(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the rest on the records of the runs, that of the NARX on others."""
+        """Standard deviation in time: that of the correction on the records of the runs, that of the NARX on others."""
         knowing = self.rest if self.knows(excitation.content_hash) else self.narx
         return knowing.standard_deviation(theta, excitation, values)
 
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from what is known of the error; see `Surrogate.sampled`."""
+        """Draw responses from the error estimate; see `Surrogate.sampled`."""
         alone = self._alone(excitation.content_hash)
         if alone is not None:
             return alone.sampled(theta, excitation, rng)
@@ -124,7 +124,7 @@ class NARXWithRest(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that the surrogate was fitted to with a rest of all others; see `ResponseSpaceSurrogate.left_out`."""
+        """Predict each run of the fit with a correction from all others; see `ResponseSpaceSurrogate.left_out`."""
         if self.whole:
             return self.rest.left_out(theta, excitation)
         values = self.narx.run(theta, excitation).values
@@ -135,26 +135,26 @@ class NARXWithRest(Surrogate):
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on: not of how long its parts took to fit, which a file keeps."""
+        """Hash of everything a response depends on, excluding fit times, which a file contains."""
         fit = self.fitted
         return digest(fit.outside, fit.low, fit.high, self.whole, self.narx.content_hash, self.rest.content_hash)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file."""
+        """Contents for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for name, part in (("narx", self.narx), ("rest", self.rest)):
-            said, own = part.to_plain()
-            plain[name] = {"fit": part.fitted.to_plain(), "said": said}
-            arrays |= put_under(name, own)
+            contents, part_arrays = part.to_plain()
+            plain[name] = {"fit": part.fitted.to_plain(), "said": contents}
+            arrays |= put_under(name, part_arrays)
         return {**plain, "whole": self.whole}, arrays
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> NARXWithRest:
-        """Make a surrogate again from what `to_plain` said."""
+        """Rebuild from the result of `to_plain`."""
 
         def part(kind: Any, name: str) -> Any:
-            said = plain[name]
-            return kind.from_plain(Fit.from_plain(said["fit"]), said["said"], found_under(name, arrays))
+            description = plain[name]
+            return kind.from_plain(Fit.from_plain(description["fit"]), description["said"], found_under(name, arrays))
 
         return cls(fit, part(ParametricNARX, "narx"), part(ResponseSpaceSurrogate, "rest"), plain["whole"])

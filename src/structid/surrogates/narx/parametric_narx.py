@@ -1,4 +1,4 @@
-"""A fitted NARX whose coefficients are functions of the parameters: PC-NARX and Kriging-NARX; it takes any record.
+"""A fitted NARX whose coefficients are functions of the parameters (PC-NARX, Kriging-NARX); it accepts any record.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PREDICTION_BOUND = 10.0
-"""A prediction beyond this many times the largest output seen has diverged."""
+"""A prediction beyond this multiple of the largest training output has diverged."""
 
 STRONGER = 1.1
-"""A warning is given for a record whose peak is more than this many times the largest one seen."""
+"""A record whose peak exceeds the largest training peak by this factor causes a warning."""
 
 WINDOW = 101
 """Samples of the moving root mean square to which the predicted standard deviation is proportional."""
 
 
 def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
-    """Set the predicted standard deviation so that 95 % of the samples of some runs lie within 1.96 of it."""
+    """Set the predicted standard deviation so that 95 % of the samples of held-out runs lie within 1.96 of it."""
     ratios: list[np.ndarray] = []
     for number in np.unique(runs.record_of_run):
         some = runs.on(int(number))
@@ -76,7 +76,7 @@ def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNAR
 
 
 def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarray, "run time channel"]:
-    """Moving root mean square of histories, never below a thousandth of the whole one."""
+    """Moving root mean square of histories, at least a thousandth of the overall one."""
     window = min(WINDOW, values.shape[1])
     square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
     whole = np.mean(values**2, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarra
 
 
 class ParametricNARX(Surrogate):
-    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record of the step it was trained with."""
+    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record with the time step of its training."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class ParametricNARX(Surrogate):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """What each coefficient belongs to."""
+        """The term or shape parameter of each coefficient."""
         return self.recursion.names
 
     @property
@@ -120,7 +120,7 @@ class ParametricNARX(Surrogate):
             )
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points, and warn of an excitation stronger than those it was fitted to."""
+        """Check excitation and points; warn of an excitation stronger than those of the fit."""
         super().before_run(theta, excitation)
         peaks = np.abs(excitation.values.reshape(len(excitation), -1)).max(axis=0)
         if self.fitted.outside != "allow" and (peaks > STRONGER * self.largest_input).any():
@@ -133,7 +133,7 @@ class ParametricNARX(Surrogate):
             )
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop of the free run; see `TraceableModel.time_loop`."""
+        """Loop of the free run; see `TraceableModel.time_loop`."""
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         x = namespace(x).concatenate([x, x[-1:]])
@@ -157,25 +157,24 @@ class ParametricNARX(Surrogate):
     def predict_ahead(
         self, design: Design | np.ndarray, excitation: Excitation, measured: np.ndarray, horizon: int = 1
     ) -> Histories:
-        """Predict from the measured past, as far ahead as a horizon, rather than from the model's own past as `simulate` does.
+        """Predict from the measured past up to a horizon, rather than from the model's own past as `simulate` does.
 
-        Every `horizon` samples the recursion starts again from what was measured: the first sample after that is predicted one
-        step ahead, the last one `horizon` steps. An error one step ahead says little about the free run. It serves to show which
-        of the two fails.
+        Every `horizon` samples the recursion restarts from the measurement: the next sample is predicted one step ahead, the last
+        one `horizon` steps. A one-step error says little about the free run; comparing both shows which of the two fails.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
         if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
             raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples, 1 or more")
         values = self._measured(measured, len(theta), len(excitation), "predict_ahead: measured")
-        found = self._from_measured(theta, excitation, values, horizon=int(horizon))
-        return self._histories(found[:, excitation.dropped_samples :], excitation)
+        outputs = self._from_measured(theta, excitation, values, horizon=int(horizon))
+        return self._histories(outputs[:, excitation.dropped_samples :], excitation)
 
     def simulate_after(self, design: Design | np.ndarray, excitation: Excitation, beginning: np.ndarray) -> Histories:
-        """Simulate freely after a measured beginning, for a system that is not at rest when the record begins.
+        """Simulate freely after a measured beginning, for a system that is not at rest at the start of the record.
 
-        `simulate` begins with the outputs at the mean of the first samples it was fitted to, and with nothing before. Here all that
-        the recursion remembers is brought up to date by what was measured; the longest lag is enough, and integrals and hysteretic
+        `simulate` starts with the outputs at their mean initial values in the training data and with zeros before. Here the
+        measurement initialises the memory of the recursion. The longest lag suffices, except that integrals and hysteretic
         memories need as long as the system takes to forget.
         """
         theta = self.parameters(design)
@@ -183,14 +182,14 @@ class ParametricNARX(Surrogate):
         if excitation.dropped_samples:
             came = f"a signal with {excitation.lead_in_periods} lead-in periods"
             raise InputError("simulate_after: excitation", came, "none: what was measured begins with the record")
-        known = np.shape(beginning)[-2] if np.ndim(beginning) > 1 else np.size(beginning)
-        if not 1 <= known < len(excitation):
+        measured_samples = np.shape(beginning)[-2] if np.ndim(beginning) > 1 else np.size(beginning)
+        if not 1 <= measured_samples < len(excitation):
             allowed = f"1 to {len(excitation) - 1} for this excitation"
-            raise InputError("simulate_after: beginning", f"{known} samples", allowed)
-        start = self._measured(beginning, len(theta), known, "simulate_after: beginning")
-        later = np.zeros((len(theta), len(excitation) - known, len(self.channels)))
-        found = self._from_measured(theta, excitation, np.concatenate([start, later], axis=1), known=known)
-        return self._histories(np.concatenate([start, found[:, known:]], axis=1), excitation)
+            raise InputError("simulate_after: beginning", f"{measured_samples} samples", allowed)
+        start = self._measured(beginning, len(theta), measured_samples, "simulate_after: beginning")
+        later = np.zeros((len(theta), len(excitation) - measured_samples, len(self.channels)))
+        outputs = self._from_measured(theta, excitation, np.concatenate([start, later], axis=1), known=measured_samples)
+        return self._histories(np.concatenate([start, outputs[:, measured_samples:]], axis=1), excitation)
 
     def _measured(self, given: np.ndarray, runs: int, samples: int, where: str) -> np.ndarray:
         """Measured values (run, time, channel)."""
@@ -210,10 +209,10 @@ class ParametricNARX(Surrogate):
         return self._outputs(self._coefficients_at(theta), excitation, values, horizon, known)
 
     def run_with(self, coefficients: Float[np.ndarray, "run coefficient"], excitation: Excitation) -> Histories:
-        """Run freely with given coefficients."""
+        """Simulate freely with given coefficients."""
         nothing = np.zeros((len(coefficients), len(excitation), len(self.channels)))
-        found = self._outputs(coefficients, excitation, nothing)
-        return self._histories(found[:, excitation.dropped_samples :], excitation)
+        outputs = self._outputs(coefficients, excitation, nothing)
+        return self._histories(outputs[:, excitation.dropped_samples :], excitation)
 
     def _outputs(
         self,
@@ -223,7 +222,7 @@ class ParametricNARX(Surrogate):
         horizon: int | None = None,
         known: int = 0,
     ) -> np.ndarray:
-        """Outputs in SI of runs with these coefficients, which may restart from values (run, time, channel)."""
+        """Outputs in SI for given coefficients, which may restart from values (run, time, channel)."""
         count = len(coefficients)
         # The parameters are not looked at here, and may be none.
         runs = Runs(
@@ -234,13 +233,13 @@ class ParametricNARX(Surrogate):
         run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, horizon, known)
         return np.asarray(run.outputs(coefficients, data) * self._factors)
 
-    def _histories(self, found: np.ndarray, excitation: Excitation) -> Histories:
-        """Histories, NaN from where one has left all that was seen in training."""
-        beyond = (np.abs(found) >= (1.0 - 1e-9) * PREDICTION_BOUND * self.largest * self._factors).any(axis=2)
+    def _histories(self, outputs: np.ndarray, excitation: Excitation) -> Histories:
+        """Histories, NaN from the point where one leaves the range of the training data."""
+        beyond = (np.abs(outputs) >= (1.0 - 1e-9) * PREDICTION_BOUND * self.largest * self._factors).any(axis=2)
         lost = np.logical_or.accumulate(beyond, axis=1)
         status = np.where(lost.any(axis=1), Status.DIVERGED, Status.DONE)
         time = np.where(lost.any(axis=1), lost.argmax(axis=1) * excitation.dt, np.nan)
-        values = np.where(lost[:, :, None], np.nan, found)
+        values = np.where(lost[:, :, None], np.nan, outputs)
         return Histories(values, excitation.dt, self.channels, status, time, excitation.name)
 
     @property
@@ -254,7 +253,7 @@ class ParametricNARX(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out."""
+        """Standard deviation of the error: a fraction of the prediction's moving root mean square, from held-out runs."""
         return np.asarray(local_size(values) * self.spread)
 
     def error_variance(
@@ -267,14 +266,14 @@ class ParametricNARX(Surrogate):
         return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
 
     def validate_structure(self, runs: Runs, refined: bool = True, progress: Progress | None = None) -> Validation:
-        """Run freely with coefficients of each run by itself: what the terms can do, however these depend on the parameters.
+        """Simulate freely with coefficients fitted to each run separately, to show what the terms can represent.
 
-        The thesis's figures 3.12 and 5.5 to 5.7 have such errors over its experimental design, with `refined=False`.
+        The thesis's figures 3.12 and 5.5 to 5.7 show such errors over its experimental design, with `refined=False`.
         """
         return validate(WithOwnCoefficients.of(self, runs, refined), runs, progress)
 
     def own_coefficients(self, runs: Runs, refined: bool = True) -> Float[np.ndarray, "run coefficient"]:
-        """Fit the coefficients to each run by itself; see `validate_structure`."""
+        """Fit the coefficients to each run separately; see `validate_structure`."""
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
         free_run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest)
         if refined:
@@ -282,7 +281,7 @@ class ParametricNARX(Surrogate):
         return least_squares_of_each(free_run, data)
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
-        """Draw the coefficients against those of single runs by themselves, as far as the runs determine them."""
+        """Draw the coefficients against those fitted to single runs, where a run determines them."""
         from structid.figures import surrogate as figures
 
         done = runs[runs.done]
@@ -294,8 +293,8 @@ class ParametricNARX(Surrogate):
         return figures.coefficients(self.own_coefficients(done, refined), predicted, self.terms, save=save)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file."""
-        said, arrays = self.coefficients.to_plain()
+        """Contents for a file."""
+        contents, arrays = self.coefficients.to_plain()
         recursion = self.recursion
         plain = {
             "terms": [[t.text for t in of] for of in recursion.terms],
@@ -305,13 +304,13 @@ class ParametricNARX(Surrogate):
             "scales": dict(recursion.scales),
             "largest": self.largest,
             "largest_input": self.largest_input.tolist(),
-            "coefficients": said,
+            "coefficients": contents,
         }
         return plain, {**arrays, "initial": recursion.initial, "spread": self.spread}
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ParametricNARX:
-        """Make a surrogate again from what `to_plain` said."""
+        """Rebuild from the result of `to_plain`."""
         recursion = Recursion(
             tuple(tuple(Term(t) for t in of) for of in plain["terms"]),
             tuple(Memory.parse(m) for m in plain["memories"]),
@@ -327,18 +326,18 @@ class ParametricNARX(Surrogate):
 
 @dataclass(frozen=True, eq=False)
 class WithOwnCoefficients:
-    """A NARX whose coefficients are those of single runs, at the points of these runs."""
+    """A NARX with coefficients fitted to single runs, at the points of these runs."""
 
-    surrogate: ParametricNARX  # Structure, channels and range
-    of_point: dict[bytes, np.ndarray]  # Coefficients at each point
+    surrogate: ParametricNARX  # structure, channels and range
+    of_point: dict[bytes, np.ndarray]  # coefficients at each point
 
     @classmethod
     def of(cls, surrogate: ParametricNARX, runs: Runs, refined: bool) -> WithOwnCoefficients:
-        """Fit them; see `ParametricNARX.own_coefficients`."""
+        """Fit the coefficients; see `ParametricNARX.own_coefficients`."""
         done = runs[runs.done]
         points = surrogate.parameters(done.design)
-        own = surrogate.own_coefficients(done, refined)
-        return cls(surrogate, {point.tobytes(): row for point, row in zip(points, own, strict=True)})
+        coefficients = surrogate.own_coefficients(done, refined)
+        return cls(surrogate, {point.tobytes(): row for point, row in zip(points, coefficients, strict=True)})
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -350,11 +349,11 @@ class WithOwnCoefficients:
         return self.surrogate.parameters(design)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """As the surrogate does."""
+        """As for the surrogate."""
         self.surrogate.check_excitation(excitation)
 
     def outside(self, theta: np.ndarray) -> np.ndarray:
-        """As the surrogate does."""
+        """As for the surrogate."""
         return self.surrogate.outside(theta)
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:

@@ -28,31 +28,31 @@ from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, 
 
 @dataclass(frozen=True)
 class NARXSettings:
-    """What PC-NARX and Kriging-NARX have in common."""
+    """Settings shared by PC-NARX and Kriging-NARX."""
 
     # Candidate terms of every output, or of each output by its channel. When left out, terms with a hysteretic memory.
     # Outputs are called ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, …
     terms: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None = None
-    memories: Sequence[Memory | str] = ()  # Memories that `terms` use
+    memories: Sequence[Memory | str] = ()  # memories used by `terms`
     # ``"joint"``: all coefficients at once, on the one-step error and then on the free-run error. ``"per-experiment"``,
     # as in the thesis: coefficients of each experiment by ordinary least squares, which are then interpolated
     training: Literal["joint", "per-experiment"] = "joint"
     # Choose among the terms by their free runs; all are kept when left out
     selection: Literal["lars", "orthogonal"] | None = None
-    most_terms: int | None = None  # Largest number of terms that the selection keeps
-    degree: int = 3  # Largest degree of the chaos expansions that represent the coefficients in the joint training
+    most_terms: int | None = None  # largest number of terms that the selection keeps
+    degree: int = 3  # largest degree of the coefficients' chaos expansions in the joint training
     # Samples between restarts from the measured past, one number for each stage of training before the one on free
     # runs. When left out: 16 and then 128 where the free runs of the regression are lost, and no such stage where they
     # are not
     horizons: Sequence[int] | None = None
-    steps: int = 10  # Largest number of steps of the training on the free-run error; 0 leaves it at the regression
+    steps: int = 10  # largest number of training steps on the free-run error; 0 keeps the regression
     # Share of the runs that is held out, to choose when to stop and how large the predicted standard deviation is
     held_out: float = 0.1
     # Time at the start of each run that does not count [s], since what went before is not known there
     washout: float = 0.0
-    limit: float = 5e-2  # Largest mean relative error with which it may be used in a posterior
-    outside: OutsideRule = "warn"  # What to do with parameters beyond the range of the design
-    seed: int = 0  # Seed of the choice of held-out runs
+    limit: float = 5e-2  # largest mean relative error accepted in a posterior
+    outside: OutsideRule = "warn"  # treatment of points outside the range of the design
+    seed: int = 0  # seed for the choice of held-out runs
 
     warm_start: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
@@ -77,7 +77,7 @@ class NARXSettings:
         as_memories(self.memories)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made."""
+        """Check the settings against planned runs."""
         kind = type(self).__name__
         common_step(f"{kind}.fit", records)
         structure_of(self.terms, self.memories, Signals.of(records[0], channels))
@@ -88,25 +88,25 @@ class NARXSettings:
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
-        said = asdict(replace(self, terms=None, memories=()))
+        """All settings, JSON-compatible."""
+        settings = asdict(replace(self, terms=None, memories=()))
         if isinstance(self.terms, Mapping):
-            said["terms"] = {output: [str(t) for t in terms] for output, terms in self.terms.items()}
+            settings["terms"] = {output: [str(t) for t in terms] for output, terms in self.terms.items()}
         elif self.terms is not None:
-            said["terms"] = [str(t) for t in self.terms]
-        said["memories"] = [str(m) for m in self.memories]
-        return said
+            settings["terms"] = [str(t) for t in self.terms]
+        settings["memories"] = [str(m) for m in self.memories]
+        return settings
 
 
 def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the runs that are held out."""
+    """Choose the held-out runs."""
     count = round(share * runs)
     order = stream(seed, Purpose.HELD_OUT_RUNS).permutation(runs)
     return np.sort(order[count:]), np.sort(order[:count])
 
 
 def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that runs determine coefficients that are chaos expansions of a degree."""
+    """Check that the runs determine coefficients as chaos expansions of a degree."""
     terms = math.comb(space.dimension + degree, degree)
     if terms > max(runs // 2, 1):
         raise InputError(
@@ -129,7 +129,7 @@ NARX_KEYS = {
     "held_out": float,
     "washout": Annotated[Seconds, Field(ge=0)],
 }
-"""Keys of a study file that every NARX understands, and their types; `NARXSettings` says what they mean."""
+"""Study-file keys of every NARX, and their types; see `NARXSettings`."""
 
 JOINT_KEYS = ("degree", "horizons", "steps")
-"""Those of them that only the joint training uses."""
+"""Keys that only the joint training uses."""

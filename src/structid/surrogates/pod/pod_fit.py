@@ -1,4 +1,4 @@
-"""Fitting principal components and their scores to runs, record by record."""
+"""Fit of principal components and their scores to runs, record by record."""
 
 from __future__ import annotations
 
@@ -30,31 +30,31 @@ from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 from structid.surrogates.regression import Regression
 
 ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]
-"""Fits the scores on the record of a content hash."""
+"""Function that fits the scores on the record with a content hash."""
 
 
 class PODSettings(Protocol):
-    """Settings of every kind of response-space surrogate."""
+    """Settings of every response-space surrogate."""
 
     @property
     def energy(self) -> float:
-        """Share of the variance that the components may leave out."""
+        """Fraction of the variance that the components may omit."""
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error with which it may be used in a posterior."""
+        """Largest mean relative error accepted in a posterior."""
 
     @property
     def outside(self) -> OutsideRule:
-        """What happens beyond the range of the design."""
+        """Treatment of points outside the range of the design."""
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
+        """All settings, JSON-compatible."""
 
 
 def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
-    """Check runs that are yet to be made: enough on each record, all of one step."""
+    """Check planned runs: enough on each record, all with one time step."""
     common_step(f"{kind}.fit", records)
     fewest = len(design) // len(records)
     check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")

@@ -25,11 +25,12 @@ from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 from structid.surrogates.surrogate_kind import SurrogateKind
 
 LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
-"""Shares of the variance that components leave out."""
+"""Fractions of the variance that components omit."""
 
 REACH_IN_A_CALIBRATION = 0.5
-"""How far beyond the range of the runs a Kriging extrapolates in a calibration, as a share of the range's width. Its own variance
-says what it does not know there, and true runs follow. A response as at the edge hides a posterior in the tails of the prior."""
+"""Distance beyond the range of the runs to which a Kriging extrapolates in a calibration, relative to the width of the range.
+Its variance covers what it does not know there, and model runs follow. A response clipped at the edge would hide a
+posterior in the tails of the prior."""
 
 
 @check_arguments
@@ -69,12 +70,12 @@ class PODKriging:
 
     @property
     def energy(self) -> float:
-        """Share of the variance that components leave out."""
+        """Fraction of the variance that components omit."""
         return LEFT_OUT if self.left_out_energy is None else self.left_out_energy
 
     @property
     def forms(self) -> tuple[PODKriging, ...]:
-        """Forms for a calibration, to choose among where the posterior is; only one where a Kriging was asked for."""
+        """Forms from which a calibration chooses; only one if a Kriging was specified."""
         kinds = (
             Kriging(separable=False), Kriging(separable=True), Kriging(separable=False, trend="linear"),
             Kriging(correlation="gaussian"),
@@ -86,7 +87,7 @@ class PODKriging:
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
+        """All settings, JSON-compatible."""
         return asdict(self)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
@@ -127,10 +128,10 @@ class PODKriging:
         ResponseSpaceSurrogate
             A model for those records.
         """
-        known = {} if start is None else start.records
+        previous = {} if start is None else start.records
 
         def regression(content_hash: str, design: Design, scores: np.ndarray, tell: Progress) -> KrigingPredictor:
-            before: Any = known[content_hash].scores if content_hash in known else None
+            before: Any = previous[content_hash].scores if content_hash in previous else None
             before = before.inner if isinstance(before, InCoordinates) else before
             return self.kriging.fit(design, scores, tell, before if isinstance(before, KrigingPredictor) else None)
 

@@ -48,12 +48,12 @@ class PODPCE:
 
     @property
     def energy(self) -> float:
-        """Share of the variance that components leave out."""
+        """Fraction of the variance that components omit."""
         return self.left_out_energy
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, in a form that JSON can hold."""
+        """All settings, JSON-compatible."""
         return asdict(self)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
@@ -91,9 +91,9 @@ class PODPCE:
 
 def from_keys(**given: Any) -> PODPCE:
     """Make settings from the keys of a study file, including those of the expansion."""
-    own = {key: given.pop(key) for key in PCE_KEYS if key in given}
-    default = PODPCE().pce if not own else PCE()
-    return PODPCE(pce=replace(default, **own), **given)
+    pce_keys = {key: given.pop(key) for key in PCE_KEYS if key in given}
+    default = PODPCE().pce if not pce_keys else PCE()
+    return PODPCE(pce=replace(default, **pce_keys), **given)
 
 
 PCE_KEYS = {
@@ -102,7 +102,7 @@ PCE_KEYS = {
     "interaction": Annotated[int, Field(ge=1)],
     "method": Literal["sparse", "lars", "forward", "ols", "shrinkage"],
 }
-"""Keys of a study file that are the expansion's."""
+"""Study-file keys of the expansion."""
 
 KIND = SurrogateKind(
     PODPCE,

@@ -9,7 +9,7 @@ from structid.core.errors import InputError
 
 
 def check_energy(left_out: float) -> None:
-    """Refuse a number that is not a share of the variance."""
+    """Refuse a number that is not a fraction of the variance."""
     if not 0 <= left_out < 1:
         raise InputError("left_out_energy", f"{left_out}", "a share, 0 or more and below 1")
 

@@ -1,4 +1,4 @@
-"""What a response-space surrogate knows of one record: mean, modes, and a regression of the scores."""
+"""A response-space surrogate on one record: mean, modes, and a regression of the scores."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from structid.surrogates.regression import Regression
 class RecordFit:
     """The surrogate on one record."""
 
-    name: str  # Of the record
-    samples: int  # Its length
+    name: str  # name of the record
+    samples: int  # number of samples
     mean: Float[np.ndarray, " _"]  # Mean history, scaled
     modes: Float[np.ndarray, "component _"]  # Orthonormal φ_k, scaled
-    truncation: Float[np.ndarray, " _"]  # Standard deviation over the design of what the components leave out, scaled
+    truncation: Float[np.ndarray, " _"]  # standard deviation over the design of the omitted components, scaled
     scale: Float[np.ndarray, " channel"]  # SI value of one scaled unit
     scores: Regression  # c_k(θ)
     score_deviation: Float[np.ndarray, " component"]  # Root mean square of the leave-one-out residuals of each score

@@ -24,7 +24,7 @@ from structid.surrogates.regression_list import regression_from_plain
 
 
 class ResponseSpaceSurrogate(Surrogate):
-    """A fitted `PODKriging` or `PODPCE`: knows the response to the records it was fitted to, and to no other."""
+    """A fitted `PODKriging` or `PODPCE`, restricted to the records it was fitted to."""
 
     loops: ClassVar[bool] = False
     own_records: ClassVar[bool] = True
@@ -36,13 +36,13 @@ class ResponseSpaceSurrogate(Surrogate):
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse a record the surrogate was not fitted to."""
         if excitation.content_hash not in self.records:
-            known = ", ".join(
+            records = ", ".join(
                 f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values()
             )
             raise InputError(
                 f"{self.fitted.kind}: record",
                 f"'{excitation.name}' ({len(excitation)} samples at {excitation.dt:g} s), which it was not fitted to",
-                known,
+                records,
                 "Fit it to runs on that record, or use PCNARX or KrigingNARX, which take any.",
             )
 
@@ -56,7 +56,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return values.reshape(fit.samples, len(fit.scale), -1), finite
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Give the response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`."""
+        """Response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`."""
         fit = self.records[excitation.identity]
         scores = fit.scores.predict(self.held_inside(theta)).T
         modes = fit.modes.reshape(-1, fit.samples, len(fit.scale)) * fit.scale
@@ -82,17 +82,17 @@ class ResponseSpaceSurrogate(Surrogate):
         shape = (fit.samples, len(fit.scale))
         modes_of, inner, left_out, mean_of = [], [], [], []
         for channel in channels:
-            place = self.channels.index(channel)
-            modes = fit.modes.reshape(-1, *shape)[:, :, place] * fit.scale[place]
+            position = self.channels.index(channel)
+            modes = fit.modes.reshape(-1, *shape)[:, :, position] * fit.scale[position]
             modes_of.append(modes)
             inner.append(modes @ modes.T)
-            mean_of.append(fit.mean.reshape(shape)[:, place] * fit.scale[place])
-            left_out.append(np.mean(fit.truncation.reshape(shape)[:, place] ** 2) * fit.scale[place] ** 2)
-        found = [
+            mean_of.append(fit.mean.reshape(shape)[:, position] * fit.scale[position])
+            left_out.append(np.mean(fit.truncation.reshape(shape)[:, position] ** 2) * fit.scale[position] ** 2)
+        parts = [
             [nearest_scores(modes, products, column - mean) for column in values[:, index].T]
             for index, (modes, products, mean) in enumerate(zip(modes_of, inner, mean_of, strict=True))
         ]
-        nearest, squares, levers = (np.array([[m[part] for m in of] for of in found]) for part in range(3))
+        nearest, squares, levers = (np.array([[m[part] for m in of] for of in parts]) for part in range(3))
         return ScoreShortcut(
             self, excitation.content_hash, np.array(inner), np.array(left_out), float(len(values)), nearest, squares, levers
         )  # fmt: skip
@@ -124,7 +124,7 @@ class ResponseSpaceSurrogate(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the scores through the modes, and what the components leave out."""
+        """Standard deviation in time: that of the scores through the modes, and that of the omitted components."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         deviation = fit.scores.deviation(self.held_inside(np.asarray(theta, dtype=np.float64)))
@@ -150,7 +150,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths."""
+        """Predict each run of the fit from all others, with the same correlation lengths."""
         fit = self.records[excitation.content_hash]
         kriging: Any = fit.scores
         scores = kriging.predict(np.asarray(theta, dtype=np.float64)) - kriging.leave_one_out_residuals
@@ -158,7 +158,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return np.asarray(values * fit.scale)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of, for a file."""
+        """Contents for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for number, (content_hash, fit) in enumerate(self.records.items()):
@@ -167,22 +167,26 @@ class ResponseSpaceSurrogate(Surrogate):
                 "hash": content_hash, "name": fit.name, "samples": fit.samples, "regression": fit.scores.word,
                 "scores": scores_plain,
             }  # fmt: skip
-            own = {
+            part_arrays = {
                 "mean": fit.mean, "modes": fit.modes, "truncation": fit.truncation, "scale": fit.scale,
                 "score_deviation": fit.score_deviation,
             }  # fmt: skip
-            arrays |= put_under(str(number), {**own, **put_under("scores", scores_arrays)})
+            arrays |= put_under(str(number), {**part_arrays, **put_under("scores", scores_arrays)})
         return plain, arrays
 
     @classmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ResponseSpaceSurrogate:
-        """Make a surrogate again from what `to_plain` said."""
+        """Rebuild from the result of `to_plain`."""
         records = {}
-        for number, said in plain.items():
-            own = found_under(number, arrays)
-            scores = found_under("scores", own)
-            records[said["hash"]] = RecordFit(
-                said["name"], said["samples"], own["mean"], own["modes"], own["truncation"], own["scale"],
-                regression_from_plain(said["regression"], fit.space, said["scores"], scores), own["score_deviation"],
-            )  # fmt: skip
+        for number, description in plain.items():
+            arrays_of_record = found_under(number, arrays)
+            scores = found_under("scores", arrays_of_record)
+            records[description["hash"]] = RecordFit(
+                name=description["name"],
+                samples=description["samples"],
+                scores=regression_from_plain(description["regression"], fit.space, description["scores"], scores),
+                **{
+                    name: arrays_of_record[name] for name in ("mean", "modes", "truncation", "scale", "score_deviation")
+                },
+            )
         return cls(fit, records)

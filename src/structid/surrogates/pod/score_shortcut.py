@@ -1,4 +1,4 @@
-"""Likelihoods of measurements in the space of the scores, where sums over time are done beforehand."""
+"""Likelihoods of measurements in the space of the scores, with sums over time precomputed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.surrogates.pod.record_fit import RecordFit
 
 
 class ScoreSource(Protocol):
-    """What gives the scores: a response-space surrogate."""
+    """What provides the scores: a response-space surrogate."""
 
     channels: tuple[str, ...]
     records: dict[str, RecordFit]
@@ -26,7 +26,7 @@ class ScoreSource(Protocol):
         """Move points outside the range of the design to its edge."""
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
-        """Say which points a posterior may use."""
+        """Points that a posterior may use."""
 
     def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Scores and their standard deviations."""
@@ -34,19 +34,19 @@ class ScoreSource(Protocol):
 
 @dataclass(frozen=True)
 class ScoreShortcut(Shortcut):
-    """Measurements in the space of the scores: r = y − ȳ − Φᵀc = beyond − (c − nearest) Φ, summed over time beforehand."""
+    """Measurements in the space of the scores: r = y − ȳ − Φᵀc = beyond − (c − nearest) Φ, with precomputed sums over time."""
 
-    surrogate: ScoreSource  # Whose scores
-    identity: str  # Content hash of the record
+    surrogate: ScoreSource  # surrogate that provides the scores
+    identity: str  # content hash of the record
     inner: Float[Array, "channel component component"]  # ΦΦᵀ
-    left_out: Float[Array, " channel"]  # Variance that the components leave out, averaged over time
-    samples: Any  # Length of the measurements
+    left_out: Float[Array, " channel"]  # variance of the omitted components, averaged over time
+    samples: Any  # samples of the measurements
     nearest: Float[Array, "channel measurement component"]  # Scores nearest to each measurement
     squares_beyond: Float[Array, "channel measurement"]
     levers_beyond: Float[Array, "channel measurement component"]  # Φ beyond, which is zero up to rounding
 
     def for_runs(self, measurement: Int[Array, " run"]) -> ScoreShortcut:
-        """Give each run a measurement of its own; see `Shortcut.for_runs`."""
+        """Assign each run a measurement of its own; see `Shortcut.for_runs`."""
         return replace(
             self,
             nearest=self.nearest[:, measurement],
@@ -66,12 +66,12 @@ class ScoreShortcut(Shortcut):
 
     def _squares(self, scores: Any) -> Any:
         """‖r‖², shape (channel, run)."""
-        found = []
+        squares = []
         for channel in range(self.inner.shape[0]):
             gap = scores - self.nearest[channel]
             reached = product(gap, self.inner[channel]) - 2.0 * self.levers_beyond[channel]
-            found.append(self.squares_beyond[channel] + (reached * gap).sum(axis=1))
-        return jnp.stack(found)
+            squares.append(self.squares_beyond[channel] + (reached * gap).sum(axis=1))
+        return jnp.stack(squares)
 
     def _projected(self, scores: Any) -> Any:
         """Φ r, shape (channel, run, component)."""
@@ -113,7 +113,7 @@ def nearest_scores(
     inner: Float[np.ndarray, "component component"],
     residual: Float[np.ndarray, " time"],
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Split a residual into what the modes reach and what is beyond them."""
+    """Split a residual into its projection on the modes and the remainder."""
     # What is out of reach is kept apart, so that a small misfit keeps its digits.
     nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
     beyond = residual - nearest @ modes

@@ -1,4 +1,4 @@
-"""The evidence from particles of neighbouring stages, by Bennett's acceptance ratio."""
+"""The evidence from particles of neighbouring tempering steps, by Bennett's acceptance ratio."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from structid.inference.sampling.smc.tempering import Population
 def evidence_of(
     stages: list[Population], rise: Float[np.ndarray, "stage ensemble"], left: Float[np.ndarray, " stage"]
 ) -> Evidence:
-    """Evidence from the particles of all stages.
+    """Evidence from the particles of all tempering steps.
 
-    After weighting and resampling, the particles should follow the law of the next exponent, which moves do not change on
-    average. Where a narrow peak takes over, too few of them are on it. They lag behind, and their mean log-likelihood rises while
-    they move. When their correlation with where they began has fallen to ρ, the share ρ of such a deficit D is left: after a rise
-    of (1 − ρ) D, ρ D is missing.
+    After weighting and resampling, the particles should follow the distribution at the next exponent, which moves leave unchanged
+    on average. Where a narrow peak takes over, too few of them are on it: their mean log-likelihood rises while they move. When
+    their correlation with their start has fallen to ρ, a fraction ρ of such a deficit D remains: after a rise of (1 − ρ) D, ρ D
+    is missing.
     """
     left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
     each = np.zeros(len(stages[0].prior))
@@ -30,11 +30,11 @@ def evidence_of(
     for stage, (now, then) in enumerate(itertools.pairwise(stages)):
         for row in range(len(each)):
             increment = then.exponent - now.exponent
-            ratio, own = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
+            ratio, ratio_error = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
             each[row] += ratio
             # If each stage correlates by ρ with the next, the variance of their sum is (1 + ρ) / (1 − ρ) times that of
             # independent ones.
-            variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
+            variance[row] += ratio_error * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
     # log Z = ∫ ⟨log L⟩ dβ = ∫ β ⟨log L⟩ d log β (thermodynamic integration): what mean log-likelihoods lack, log Z lacks. The
     # first exponents lie decades apart, where ⟨log L⟩ falls like 1/β.
     exponent = np.array([stage.exponent for stage in stages])[1:]
@@ -54,18 +54,18 @@ def bennett_ratio(
     def difference(constant: float) -> float:
         return float(expit(forward - constant).sum() - expit(constant - backward).sum())
 
-    weighing, seen = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
-    if not (weighing.size and seen.size):  # nothing of one density where the other is
+    weighing, weighing_other = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
+    if not (weighing.size and weighing_other.size):  # nothing of one density where the other is
         return -np.inf, np.inf
     # Begun where the draws with most weight are, and widened: draws of a log density of −1e30 must not widen it.
-    found = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(seen))))
-    shares = (expit(forward - found), expit(found - backward))
+    result = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(weighing_other))))
+    shares = (expit(forward - result), expit(result - backward))
     variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)
-    return float(found), variance
+    return float(result), variance
 
 
 def _root_of_falling(function: Callable[[float], float], start: float) -> float:
-    """Root of a function that falls from above to below zero."""
+    """Root of a decreasing function."""
     low = high = start
     step = 1.0
     while function(low) < 0.0:

@@ -1,8 +1,9 @@
-"""Modes that particles have lost, searched for from draws of the prior.
+"""Search for modes that particles have lost, from draws of the prior.
 
-While the exponent is small, a narrow mode holds few particles or none, whatever its mass in the end: of two Gaussian modes of
-widths s₁ < s₂ in d dimensions, the narrow one begins with a share of about (s₁/s₂)^d. Once it has lost its last particle, all
-populations agree without it. A search by steepest ascent does not compete for particles. It finds a mode if it begins in its basin.
+While the exponent is small, a narrow mode holds few particles or none, whatever its final mass: of two Gaussian modes of widths
+s₁ < s₂ in d dimensions, the narrow one begins with a fraction of about (s₁/s₂)^d. Once it has lost its last particle, all
+populations agree without it. A search by steepest ascent does not compete for particles; it finds a mode if it begins in its
+basin.
 """
 
 from __future__ import annotations
@@ -16,32 +17,32 @@ from jaxtyping import Float
 from structid.inference.target import Target
 
 VALLEY = 1.0
-"""Fall of the log density, on the way from a point to another, from which on a valley lies between them."""
+"""Fall of the log density along the path between two points that counts as a valley."""
 PLACES = (0.0, 0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
-"""Where the way between two points is looked at: close to its beginning too, where the slope shows in whose basin it is."""
+"""Positions at which the path between two points is evaluated; those near its start show by the slope whose basin it is."""
 NEIGHBOURS = 10
-"""Particles to which the way from the end of a search is looked at."""
+"""Particles to which the path from the end of a search is evaluated."""
 SEARCHES = 8
-"""Searches in a round."""
+"""Searches per round."""
 ROUNDS = 4
-"""Rounds of searches at most: a bent posterior has valleys on straight ways, and no other mode."""
+"""Largest number of rounds: a bent posterior has valleys on straight paths, and no other mode."""
 TREND = 20
-"""Points to which a trend of the log density is fitted, for each of its coefficients."""
+"""Points per coefficient for fitting a trend of the log density."""
 IN_A_PART = 10_000
-"""Points at which that trend is worked out at once."""
+"""Points at which that trend is evaluated at once."""
 LENGTHS = (0.25, 0.5, 1.0, 2.0)
-"""Of steps uphill: in lengths at which a parabola would have its maximum."""
+"""Lengths of steps uphill, relative to that at which a parabola would have its maximum."""
 STEP = 1e-5
-"""Of finite differences, in unconstrained coordinates."""
+"""Step of finite differences, in unconstrained coordinates."""
 WIDEST = 10.0
-"""Largest standard deviation that a mode's curvature may give, in unconstrained coordinates."""
+"""Largest standard deviation that a mode's curvature may imply, in unconstrained coordinates."""
 
 
 class Mode(NamedTuple):
-    """A local maximum of a density, and the Gaussian law that touches it (Laplace's approximation)."""
+    """A local maximum of a density with its Laplace approximation."""
 
-    middle: Float[np.ndarray, " parameter"]  # Where it is, in unconstrained coordinates
-    log_density: float  # There
+    middle: Float[np.ndarray, " parameter"]  # position in unconstrained coordinates
+    log_density: float  # log density there
     # Cholesky factor of the covariance, the inverse of the density's curvature
     factor: Float[np.ndarray, "parameter parameter"]
 
@@ -58,41 +59,41 @@ def lost_modes(
     log_density: Float[np.ndarray, " particle"],
     scouts: Float[np.ndarray, "scout parameter"],
 ) -> list[Mode]:
-    """Search for modes in which no particle is.
+    """Search for modes without particles.
 
-    Each scout makes one step uphill. It is passed over if from there the density never falls on the straight way to a known mode.
-    Otherwise a search climbs from where the density begins to fall, the densest scouts first. Its maximum is a new mode if valleys
-    divide it from the particles around.
+    Each scout makes one step uphill. It is skipped if from there the density never falls on the straight path to a known mode.
+    Otherwise a search climbs from the point where the density begins to fall, the densest scouts first. Its maximum is a new mode
+    if valleys separate it from the surrounding particles.
     """
     return _lost(_Known(target, particles, log_density), scouts)
 
 
-def _lost(known: _Known, scouts: np.ndarray) -> list[Mode]:
-    """Modes in which no particle is; see `lost_modes`."""
-    density = known.density(scouts)
-    scouts, density = known.one_step_uphill(scouts[np.isfinite(density)], density[np.isfinite(density)])
-    for centre in known.centres:
-        falls, scouts, density = known.before_falls(scouts, density, centre[0])
+def _lost(explored: _Known, scouts: np.ndarray) -> list[Mode]:
+    """Modes without particles; see `lost_modes`."""
+    density = explored.density(scouts)
+    scouts, density = explored.one_step_uphill(scouts[np.isfinite(density)], density[np.isfinite(density)])
+    for centre in explored.centres:
+        falls, scouts, density = explored.before_falls(scouts, density, centre[0])
         scouts, density = scouts[falls], density[falls]
     modes: list[Mode] = []
     for _ in range(ROUNDS):
         densest = np.argsort(-density, kind="stable")[:SEARCHES]
         rest = np.setdiff1d(np.arange(len(scouts)), densest)
         led_back: list[np.ndarray] = []
-        for place in densest:
-            if not all(known.divided(scouts[place], density[place], mode) for mode in modes):
+        for scout in densest:
+            if not all(explored.divided(scouts[scout], density[scout], mode) for mode in modes):
                 continue
-            if not all(known.before_falls(scouts[[place]], density[[place]], other)[0][0] for other in led_back):
+            if not all(explored.before_falls(scouts[[scout]], density[[scout]], other)[0][0] for other in led_back):
                 continue
-            mode = _climbed(known, scouts[place])
-            if known.is_new(mode) and all(known.divided(mode.middle, mode.log_density, other) for other in modes):
+            mode = _climbed(explored, scouts[scout])
+            if explored.is_new(mode) and all(explored.divided(mode.middle, mode.log_density, other) for other in modes):
                 modes.append(mode)
             else:
-                led_back.append(scouts[place])
+                led_back.append(scouts[scout])
         scouts, density = scouts[rest], density[rest]
         # From where the density never falls on the way to one of these, the way uphill ends where theirs does.
-        for place in (*(mode.middle for mode in modes), *led_back):
-            falls, *_ = known.before_falls(scouts, density, place)
+        for scout in (*(mode.middle for mode in modes), *led_back):
+            falls, *_ = explored.before_falls(scouts, density, scout)
             scouts, density = scouts[falls], density[falls]
         if not len(scouts):
             break
@@ -107,15 +108,15 @@ def all_modes(
     many: Float[np.ndarray, "point parameter"],
     most: int,
 ) -> list[Mode]:
-    """Find the modes in which particles are, and those that they have lost."""
-    known = _Known(target, particles, log_density)
+    """Find the modes with particles, and those that have lost theirs."""
+    explored = _Known(target, particles, log_density)
     modes: list[Mode] = []
-    for centre, _ in known.centres:
-        mode = _climbed(known, centre)
-        if all(known.divided(mode.middle, mode.log_density, other) for other in modes):
+    for centre, _ in explored.centres:
+        mode = _climbed(explored, centre)
+        if all(explored.divided(mode.middle, mode.log_density, other) for other in modes):
             modes.append(mode)
     scouts = scouts[np.isfinite(scouts).all(axis=1)]
-    return modes + _lost(known, np.concatenate([scouts, known.promising(many, most)]))
+    return modes + _lost(explored, np.concatenate([scouts, explored.promising(many, most)]))
 
 
 class _Known:
@@ -132,10 +133,10 @@ class _Known:
         return self.target.evaluate(phi)[0] if len(phi) else np.zeros(0)
 
     def promising(self, many: np.ndarray, most: int) -> np.ndarray:
-        """Choose points to search from: one half any of them, the other half those where the density is highest above a trend.
+        """Choose starting points of searches: half of them arbitrary, half where the density is highest above a trend.
 
-        In ten dimensions the basin of a mode a third as wide as another is a part in ten thousand of the prior. The density there
-        may be low, but it is higher than what leads to the other mode lets expect.
+        In ten dimensions the basin of a mode a third as wide as another is one ten-thousandth of the prior. The density there may
+        be low, but it exceeds what the trend towards the other mode predicts.
         """
         density = self.density(many)
         many, density = many[np.isfinite(density)], density[np.isfinite(density)]
@@ -144,53 +145,55 @@ class _Known:
         above = np.argsort(-_above_trend(many, density), kind="stable")
         return np.asarray(many[np.union1d(np.arange(most // 2), above[: most // 2])])
 
-    def one_step_uphill(self, start: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Each point after its best step in the direction of the slope, and the log density there."""
+    def one_step_uphill(self, start: np.ndarray, own_density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Each point after its best step along the gradient, and the log density there."""
         count, dimension = start.shape
         probes = (start[:, None] + STEP * np.eye(dimension)).reshape(-1, dimension)
-        slope = _finite((self.density(probes).reshape(count, dimension) - own[:, None]) / STEP)
+        slope = _finite((self.density(probes).reshape(count, dimension) - own_density[:, None]) / STEP)
         steepness = np.linalg.norm(slope, axis=1, keepdims=True)
         direction = slope / np.where(steepness > 0.0, steepness, 1.0)
         # A parabola through the point with its slope, and through a point close by: f(t) = f + s t − c t²/2.
         near = 1e3 * STEP
-        curvature = _finite(2.0 * (steepness[:, 0] * near + own - self.density(start + near * direction)) / near**2)
+        curvature = _finite(
+            2.0 * (steepness[:, 0] * near + own_density - self.density(start + near * direction)) / near**2
+        )
         length = steepness[:, 0] / np.maximum(np.abs(curvature), 1e-12)
         length = np.minimum(length, np.linalg.norm(start.std(axis=0)))[:, None]
         steps = np.stack([start, *(start + share * length * direction for share in LENGTHS)])
-        density = np.stack([own, *self.density(steps[1:].reshape(-1, dimension)).reshape(len(LENGTHS), count)])
+        density = np.stack([own_density, *self.density(steps[1:].reshape(-1, dimension)).reshape(len(LENGTHS), count)])
         best = density.argmax(axis=0)
         return steps[best, np.arange(count)], density[best, np.arange(count)]
 
     def _on_the_way(self, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points at `PLACES` of the ways from some points to others, and the log density there: (place, way, ...)."""
+        """Points at `PLACES` of the paths between points, and the log density there: (place, path, ...)."""
         places = np.array(PLACES)[:, None, None]
         way = (1.0 - places) * start + places * end
         return way, self.density(way.reshape(-1, start.shape[1])).reshape(way.shape[:2])
 
     def before_falls(
-        self, start: np.ndarray, own: np.ndarray, end: np.ndarray
+        self, start: np.ndarray, own_density: np.ndarray, end: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Whether the density falls on the ways to a point; where it begins to; and the density there."""
+        """Whether the density falls on the paths to a point; where it begins to fall; and the density there."""
         if not len(start):
-            return np.zeros(0, dtype=bool), start, own
+            return np.zeros(0, dtype=bool), start, own_density
         way, density = self._on_the_way(start, end)
         falling = density[1:] < density[:-1] - VALLEY
         first = falling.argmax(axis=0)
         return np.asarray(falling.any(axis=0)), way[first, np.arange(len(start))], density[first, np.arange(len(start))]
 
-    def divided(self, place: np.ndarray, log_density: float, mode: Mode) -> bool:
-        """Whether a valley divides a point from a mode."""
-        return bool(self._valleys(place[None], np.array([log_density]), mode.middle, mode.log_density)[0])
+    def divided(self, point: np.ndarray, log_density: float, mode: Mode) -> bool:
+        """Whether a valley separates a point from a mode."""
+        return bool(self._valleys(point[None], np.array([log_density]), mode.middle, mode.log_density)[0])
 
     def _valleys(
-        self, start: np.ndarray, own: np.ndarray, end: np.ndarray, density_there: np.ndarray | float
+        self, start: np.ndarray, own_density: np.ndarray, end: np.ndarray, density_there: np.ndarray | float
     ) -> np.ndarray:
-        """Whether the density falls below both ends of some ways."""
+        """Whether the density falls below both ends of some paths."""
         _, density = self._on_the_way(start, end)
-        return np.asarray(density.min(axis=0) < np.minimum(own, density_there) - VALLEY)
+        return np.asarray(density.min(axis=0) < np.minimum(own_density, density_there) - VALLEY)
 
     def _centres(self) -> list[tuple[np.ndarray, float]]:
-        """The densest particle, and the densest of those that a valley divides from it, and so on."""
+        """The densest particle, then the densest of those separated from it by a valley, and so on."""
         order = np.argsort(-self.log_density, kind="stable")
         left = order[:: max(1, len(order) // 200)]
         centres: list[tuple[np.ndarray, float]] = []
@@ -200,45 +203,47 @@ class _Known:
         return centres
 
     def is_new(self, mode: Mode) -> bool:
-        """Whether valleys divide a mode from all the particles next to it."""
+        """Whether valleys separate a mode from all particles next to it."""
         away = ((self.particles - mode.middle) / self.particles.std(axis=0)) ** 2
         nearest = np.argsort(away.sum(axis=1))[:NEIGHBOURS]
         start = np.broadcast_to(mode.middle, (len(nearest), len(mode.middle)))
-        own = np.full(len(nearest), mode.log_density)
-        return bool(self._valleys(start, own, self.particles[nearest], self.log_density[nearest]).all())
+        own_density = np.full(len(nearest), mode.log_density)
+        return bool(self._valleys(start, own_density, self.particles[nearest], self.log_density[nearest]).all())
 
 
-def _climbed(known: _Known, start: np.ndarray) -> Mode:
-    """The maximum above a point, by BFGS with central differences, all points of a gradient in one call."""
+def _climbed(explored: _Known, start: np.ndarray) -> Mode:
+    """The maximum uphill from a point, by BFGS with central differences; all points of a gradient in one call."""
     steps = STEP * np.eye(len(start))
 
     def falling(phi: np.ndarray) -> float:
-        return float(-known.density(phi[None])[0])
+        return float(-explored.density(phi[None])[0])
 
     def slope(phi: np.ndarray) -> np.ndarray:
-        values = known.density(np.concatenate([phi + steps, phi - steps])).reshape(2, -1)
+        values = explored.density(np.concatenate([phi + steps, phi - steps])).reshape(2, -1)
         with np.errstate(invalid="ignore"):  # both may lie beyond the support
             return _finite((values[1] - values[0]) / (2.0 * STEP))
 
-    found = scipy.optimize.minimize(falling, start, jac=slope, method="BFGS", options={"maxiter": 200})
-    covariance = np.linalg.inv(_curvature(known, found.x))
-    return Mode(found.x, -float(found.fun), np.linalg.cholesky(0.5 * (covariance + covariance.T)))
+    optimum = scipy.optimize.minimize(falling, start, jac=slope, method="BFGS", options={"maxiter": 200})
+    covariance = np.linalg.inv(_curvature(explored, optimum.x))
+    return Mode(optimum.x, -float(optimum.fun), np.linalg.cholesky(0.5 * (covariance + covariance.T)))
 
 
-def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
-    """−∇∇ log π, made positive: second differences over steps in which the density falls by about one half."""
-    own = known.density(middle[None])[0]
+def _curvature(explored: _Known, middle: np.ndarray) -> np.ndarray:
+    """−∇∇ log π, made positive definite: second differences over steps in which the density falls by about one half."""
+    own_density = explored.density(middle[None])[0]
 
     def second(first: np.ndarray, then: np.ndarray) -> np.ndarray:
         # f(++) − f(+−) − f(−+) + f(−−) over 4 h h'
         signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-        values = [known.density(middle + a * first + b * then) for a, b in signs]
+        values = [explored.density(middle + a * first + b * then) for a, b in signs]
         with np.errstate(invalid="ignore"):
             return np.asarray(values[0] - values[1] - values[2] + values[3])
 
     step = np.full(len(middle), 1e-3)
     for _ in range(3):
-        fall = own - known.density(np.concatenate([middle + np.diag(step), middle - np.diag(step)])).reshape(2, -1)
+        fall = own_density - explored.density(np.concatenate([middle + np.diag(step), middle - np.diag(step)])).reshape(
+            2, -1
+        )
         step = np.clip(
             step / np.sqrt(np.maximum(2.0 * np.nan_to_num(fall, posinf=100.0).mean(axis=0), 1e-8)), 1e-8, 1.0
         )
@@ -255,10 +260,10 @@ def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
 
 
 def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
-    """How far a log density lies above a smooth function that is fitted to it, shape (point,).
+    """Log density minus a smooth fitted function, shape (point,).
 
-    This is a quadratic function of the coordinates' ranks, which are uniform as the prior's quantiles are. To it functions of
-    single coordinates are added: third and fourth powers of the ranks, and the coordinates themselves with their squares.
+    The function is quadratic in the coordinates' ranks, which are uniform like the prior's quantiles, plus functions of single
+    coordinates: third and fourth powers of the ranks, and the coordinates themselves with their squares.
     """
     ranks = scipy.stats.rankdata(many, axis=0) / len(many) - 0.5
     standard = (many - many.mean(axis=0)) / np.maximum(many.std(axis=0), np.finfo(np.float64).tiny)
@@ -276,5 +281,5 @@ def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
 
 
 def _finite(array: np.ndarray) -> np.ndarray:
-    """The same with zeros where a difference meets the end of the support."""
+    """The same with zeros where a difference crosses the end of the support."""
     return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))

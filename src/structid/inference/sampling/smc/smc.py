@@ -1,4 +1,4 @@
-"""Tempered sequential Monte Carlo: from the prior to the posterior by degrees, and the evidence on the way.
+"""Tempered sequential Monte Carlo: from the prior to the posterior by tempering steps, with the evidence.
 
 P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
 (2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a law fitted
@@ -37,14 +37,15 @@ from structid.inference.sampling.smc.tempering import Population, block_of, run_
 from structid.inference.target import Target
 
 MOST_STAGES = 200
-"""Stages after which the tempering is given up."""
+"""Tempering steps after which the run is given up."""
 EVALUATIONS = (1.4, 25.0)
-"""Of a particle in a tempering: the first times the square of the number of parameters, or if that is less the second times their
-number, for stages and moves as long as `SMC.evaluations` says. Posteriors of 5 to 36 parameters took half to twice as many."""
+"""Evaluations per particle and tempering run: the first times the square of the number of parameters, or if less the second
+times their number, for steps and moves as in `SMC.evaluations`. Posteriors of 5 to 36 parameters took half to twice as
+many."""
 NEGLIGIBLE = 1e-3
-"""Mass of a lost mode, as a share of what was found, for which particles do not begin again."""
+"""Mass of a lost mode, relative to the mass found, below which particles do not begin again."""
 MORE_BY = 3.0
-"""Standard errors by which a second tempering's evidence must exceed the first's to be believed in its place."""
+"""Standard errors by which the evidence of a second tempering run must exceed the first's to replace it."""
 
 
 @check_arguments
@@ -153,7 +154,7 @@ class SMC(Sampler):
 
     @property
     def in_words(self) -> str:
-        """The settings in a line, for a report."""
+        """The settings in one line, for a report."""
         return (
             f"tempered SMC, {self.ensembles} populations × {self.particles} particles, {self.steps} moves of the posterior, "
             f"{self.independent:.0%} independence moves, {self.differential_evolution:.0%} of the others differential evolution"
@@ -201,7 +202,7 @@ class SMC(Sampler):
         return self._drawn(blocks)
 
     def _refuse(self, target: Target, start: np.ndarray | None) -> None:
-        """Refuse what these particles cannot do."""
+        """Refuse what this sampler cannot do."""
         if start is not None:
             raise InputError(
                 "sample(start)", "points to start from, for SMC", "none: its particles start from the prior"
@@ -222,7 +223,7 @@ class SMC(Sampler):
         progress: Progress | None,
         again: bool = False,
     ) -> None:
-        """Append a block for each stage until β = 1; `again` for a second tempering, which begins elsewhere."""
+        """Append a block for each tempering step until β = 1; `again` for a second run from another reference."""
         temperings, _ = _divided(blocks)
         if len(temperings) <= again:
             population = starting_population(self, target, seed, int(again))
@@ -242,17 +243,17 @@ class SMC(Sampler):
 
     @staticmethod
     def _append(block: Block, blocks: list[Block], keep: Keep) -> None:
-        """Put a block on disk and among the others."""
+        """Store a block on disk and append it to the others."""
         keep(len(blocks), block)
         blocks.append(block)
 
     def _may_have_lost(self, blocks: list[Block]) -> bool:
-        """Whether lost modes are still to be searched for: after the first tempering, and while a second is under way."""
+        """Whether to search for lost modes: after the first tempering run, and while a second is in progress."""
         temperings, moves = _divided(blocks)
         return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
 
     def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
-        """A law around known and lost modes to begin from again; None if none of any weight is lost."""
+        """A reference density around known and lost modes; None if no mode of any weight is lost."""
         stages, _ = _divided(blocks)
         end = Population.of(stages[0][-1])
         scouts = target.initial(self.scouts * self.ensembles * self.particles, stream(seed, Purpose.SMC_SCOUTS))
@@ -289,32 +290,32 @@ class SMC(Sampler):
 
 
 def _divided(blocks: list[Block]) -> tuple[list[list[Block]], list[Block]]:
-    """The blocks of each tempering, which begins at β = 0, and those of the moves at β = 1 that follow the last."""
+    """The blocks of each tempering run, which begins at β = 0, and those of the moves at β = 1 that follow the last."""
     temperings: list[list[Block]] = []
-    for place, block in enumerate(blocks):
+    for number, block in enumerate(blocks):
         if block["exponent"][0] == 0.0:
             temperings.append([])
-        elif blocks[place - 1]["exponent"][-1] == 1.0:
-            return temperings, blocks[place:]
+        elif blocks[number - 1]["exponent"][-1] == 1.0:
+            return temperings, blocks[number:]
         temperings[-1].append(block)
     return temperings, []
 
 
 def _evidence(stages: list[Block]) -> Evidence:
-    """Evidence of a tempering."""
+    """Evidence of a tempering run."""
     arrays = (np.concatenate([b[name] for b in stages]) for name in ("rise", "left"))
     return evidence_of([Population.of(b) for b in stages], *arrays)
 
 
 def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
-    """The tempering to believe: the second if it has found more than the first, for what is lost is lacking in the evidence."""
-    found = [(stages, _evidence(stages)) for stages in temperings]
-    first, last = found[0], found[-1]
+    """The tempering run to use: the second if it has found more than the first, since lost mass is missing in the evidence."""
+    evidences = [(stages, _evidence(stages)) for stages in temperings]
+    first, last = evidences[0], evidences[-1]
     more, error = last[1] - first[1]
     return last if more > MORE_BY * error else first
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
-    """The blocks of the stages, and those of the later moves that a run of this many steps completes."""
+    """The blocks of the tempering steps, and those of the later moves that a run of this many steps completes."""
     temperings, moves = _divided(blocks)
     return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))

@@ -1,4 +1,4 @@
-"""Particles at one exponent of the likelihood: drawn from the prior, weighted, resampled and moved."""
+"""One tempering step of SMC: choose the exponent, weight, resample and move the particles."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ class PopulationSettings(Protocol):
 
     @property
     def particles(self) -> int:
-        """Particles of each."""
+        """Particles of each population."""
 
     @property
     def effective_share(self) -> float:
-        """Share of the particles that the weights of a stage leave effective."""
+        """Fraction of the particles that stays effective under the weights of a step."""
 
     @property
     def correlation(self) -> float:
-        """Particles move in a stage until their correlation with where it began is no larger than this."""
+        """Particles move in a step until their correlation with their start is at most this."""
 
     @property
     def least_moves(self) -> int:
-        """Smallest number of moves in a stage."""
+        """Minimum number of moves in a step."""
 
     @property
     def most_moves(self) -> int:
-        """Largest number of moves in a stage."""
+        """Maximum number of moves in a step."""
 
     @property
     def stretch(self) -> float:
@@ -58,16 +58,16 @@ class PopulationSettings(Protocol):
 
 
 LEAST_LIKELIHOOD = -1e60
-"""Least log-likelihood of a particle that has one at all."""
+"""Smallest log-likelihood of a particle that has one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
     """Particles at one exponent."""
 
-    phi: Float[np.ndarray, "ensemble particle parameter"]  # Unconstrained coordinates
-    prior: Float[np.ndarray, "ensemble particle"]  # Log densities there, the prior's with respect to φ
-    likelihood: Float[np.ndarray, "ensemble particle"]  # Log densities there, the prior's with respect to φ
+    phi: Float[np.ndarray, "ensemble particle parameter"]  # unconstrained coordinates
+    prior: Float[np.ndarray, "ensemble particle"]  # log prior density there, with respect to φ
+    likelihood: Float[np.ndarray, "ensemble particle"]  # log-likelihood there
     exponent: float  # β
 
     @property
@@ -83,12 +83,12 @@ class Population:
 
 
 def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.ndarray:
-    """Log π₀ L^β; at β = 0 a likelihood of −inf does not count."""
+    """Log π₀ L^β; at β = 0 a likelihood of −inf is ignored."""
     return prior + exponent * likelihood if exponent > 0.0 else prior
 
 
 def starting_population(settings: PopulationSettings, target: Target, seed: int, index: int = 0) -> Population:
-    """Draw particles from the prior, or from what stands in its place."""
+    """Draw particles from the prior, or from the reference density in its place."""
     shape = (settings.ensembles, settings.particles)
     phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, index))
     prior, likelihood, _ = _evaluated(target, phi)
@@ -101,7 +101,7 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int,
 
 
 def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log prior, log-likelihood and failure; a log-likelihood whose moments float64 cannot hold is `LEAST_LIKELIHOOD`."""
+    """Log prior, log-likelihood and failure; a log-likelihood whose moments exceed float64 is `LEAST_LIKELIHOOD`."""
     prior, likelihood, failed = target.evaluate_parts(phi)
     return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
 
@@ -109,7 +109,7 @@ def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def run_stage(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
 ) -> tuple[Population, Block]:
-    """Raise the exponent: weight, resample, move."""
+    """Make one tempering step: weight, resample, move."""
     exponent = next_exponent(population.likelihood, population.exponent, settings.effective_share)
     log_weights = (exponent - population.exponent) * population.likelihood
     weights = np.exp(log_weights - logsumexp(log_weights, axis=1, keepdims=True))
@@ -121,21 +121,21 @@ def run_stage(
         likelihood=np.take_along_axis(population.likelihood, rows, axis=1),
         exponent=exponent,
     )
-    moved, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
+    moved_population, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
     passed = [drawn.likelihood]
     for count in range(1, settings.most_moves + 1):
-        moved, accepted, more = move(settings, target, moved, rng)
+        moved_population, accepted, more = move(settings, target, moved_population, rng)
         failed += more
-        passed.append(moved.likelihood)
-        left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved)))
+        passed.append(moved_population.likelihood)
+        left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved_population)))
         if count >= settings.least_moves and left < settings.correlation and _at_rest(passed):
             break
-    rise = (moved.likelihood - drawn.likelihood).mean(axis=1)
-    return moved, block_of([moved], [accepted], [failed], rise, left)
+    rise = (moved_population.likelihood - drawn.likelihood).mean(axis=1)
+    return moved_population, block_of([moved_population], [accepted], [failed], rise, left)
 
 
 def _at_rest(passed: list[np.ndarray]) -> bool:
-    """Whether the mean log-likelihood has stayed level, within two errors, over the later half of the moves so far."""
+    """Whether the mean log-likelihood has been constant, within two errors, over the later half of the moves so far."""
     change = passed[-1] - passed[len(passed) // 2]
     return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
 
@@ -146,9 +146,9 @@ def run_moves(
     """Move particles at a constant exponent."""
     history, accepted, failed = [], [], []
     for _ in range(steps):
-        population, moved, lost = move(settings, target, population, rng)
+        population, has_moved, lost = move(settings, target, population, rng)
         history.append(population)
-        accepted.append(moved)
+        accepted.append(has_moved)
         failed.append(lost)
     return population, block_of(history, accepted, failed)
 
@@ -179,7 +179,7 @@ def move(
 
 
 def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
-    """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw²."""
+    """Largest exponent whose weights leave a fraction of the particles effective, ESS = (Σw)²/Σw²."""
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
     with np.errstate(over="ignore"):
         below_best = likelihood - likelihood.max(axis=1, keepdims=True)
@@ -218,9 +218,9 @@ def block_of(
     """Make a block of some steps."""
     several = ("phi", "prior", "likelihood", "log_density", "exponent")
     block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
-    moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)
+    has_moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)
     return block | {
-        "accepted": moved,
+        "accepted": has_moved,
         "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
         "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
         "left": np.full(len(populations), left),

@@ -33,8 +33,8 @@ from structid.models.masonry.finite_elements.assembly import Assembly
 class Condensed:
     """Constants of the condensed equations."""
 
-    assembly: Assembly = field(repr=False)  # Matrices of the wall
-    joint_law: JointLaw  # What all joints obey
+    assembly: Assembly = field(repr=False)  # matrices of the wall
+    joint_law: JointLaw  # law of all joints
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -47,11 +47,11 @@ class Condensed:
         block_of_dof = a.mesh.free // 8
         shapes, squares = np.zeros_like(stiffness), np.zeros(len(stiffness))
         for block in range(len(a.mesh.blocks)):
-            own = np.flatnonzero(block_of_dof == block)
-            here = np.ix_(own, own)
+            block_dofs = np.flatnonzero(block_of_dof == block)
+            here = np.ix_(block_dofs, block_dofs)
             values, vectors = scipy.linalg.eigh(stiffness[here], a.mass[here])
             # Rigid motions have none, up to rounding.
-            squares[own], shapes[here] = np.where(values > 1e-9 * values.max(), values, 0.0), vectors
+            squares[block_dofs], shapes[here] = np.where(values > 1e-9 * values.max(), values, 0.0), vectors
         return shapes, squares
 
     @property
@@ -66,9 +66,9 @@ class Condensed:
 
     @cached_property
     def jump_rows(self) -> np.ndarray:
-        """V, shape (jump, mode): opening and slip of every joint one after the other, then elongations of the short bars.
+        """V, shape (jump, mode): opening and slip of every joint in turn, then elongations of the short bars.
 
-        These are taken in pairs, as those of a joint are: where their number is odd, a row of zeros comes last.
+        Elongations are taken in pairs like the jumps of a joint; a row of zeros completes an odd number.
         """
         a = self.assembly
         rows = np.concatenate([a.jumps, a.elongations[a.short_bars]]) @ self.shapes
@@ -87,7 +87,7 @@ class Condensed:
 
     @cached_property
     def pattern(self) -> BlockPattern:
-        """Pairs of jumps that have a block in common."""
+        """Pairs of jumps that share a block."""
         touching = np.abs(self.jump_rows).reshape(len(self.jump_rows) // 2, 2, -1).max(axis=1) > 0.0
         return BlockPattern.of((touching.astype(int) @ touching.T.astype(int)) > 0)
 
@@ -103,7 +103,7 @@ class Condensed:
 
     @cached_property
     def bars(self) -> np.ndarray:
-        """E A / L of the short bars, shape (bar,) [N/m]; zero for a row that fills a pair up."""
+        """E A / L of the short bars, shape (bar,) [N/m]; zero for the row that completes a pair."""
         bars = self.assembly.bar_stiffness[self.assembly.short_bars]
         return np.concatenate([bars, np.zeros(len(bars) % 2)])
 
@@ -137,7 +137,7 @@ class Condensed:
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
     ) -> Float[Array, "memory joint run"]:
-        """What the joints remember after a step."""
+        """Memory of the joints after a step."""
         count = 2 * self.joints
         return self.joint_law.remembered(law, memory, jumps[0:count:2], jumps[1:count:2])
 

@@ -1,6 +1,6 @@
-"""The wall's equations of motion solved as they are written: dense matrices, Newton iterations, one run at a time.
+"""The wall's equations of motion with dense matrices and Newton iterations, one run at a time.
 
-The reference of the faster formulations, and what a run falls back on where they do not converge.
+The reference for the faster formulations, and their fallback where they do not converge.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 from structid.models.masonry.finite_elements.assembly import Assembly
 
 TOLERANCE = 1e-10
-"""‖r‖ over ‖p − M ι a_g‖ of a step that has converged."""
+"""‖r‖ over ‖p − M ι a_g‖ of a converged step."""
 ITERATIONS = 30
-"""Newton iterations of a step before it is cut."""
+"""Newton iterations of a step before it is divided."""
 LARGEST_CUT = 64
-"""Substeps into which a step is cut at most."""
+"""Largest number of substeps into which a step is divided."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Forces:
 
     internal: Float[np.ndarray, " dof"]  # [N]
     tangent: Any  # [N/m], not symmetric
-    joints: Float[np.ndarray, " _"]  # Forces of the joints on their jumps [N]
+    joints: Float[np.ndarray, " _"]  # joint forces conjugate to the jumps [N]
 
 
 class Matrices(NamedTuple):
@@ -51,18 +51,18 @@ class DenseWall:
     """A wall with the law of its joints."""
 
     assembly: Assembly  # Matrices
-    joint_law: JointLaw  # What its joints obey
-    law: CohesiveLaw  # With which parameters
+    joint_law: JointLaw  # law of its joints
+    law: CohesiveLaw  # parameters of that law
 
     @property
     def nothing(self) -> np.ndarray:
-        """What joints remember that have not been loaded, shape (memory, joint)."""
+        """Memory of joints that were never loaded, shape (memory, joint)."""
         return np.zeros((self.joint_law.memories, len(self.assembly.joint_areas)))
 
     def remembered(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, "memory joint"]:
-        """What the joints remember of a displacement."""
+        """Memory of the joints after a displacement."""
         delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
@@ -81,32 +81,32 @@ class DenseWall:
 
     @cached_property
     def matrices(self) -> Matrices:
-        """Those of the assembly, as this formulation takes them."""
+        """The assembly's matrices in this formulation."""
         a = self.assembly
         linear = a.block_stiffness + a.elongations.T @ (a.bar_stiffness[:, None] * a.elongations)
         return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
 
     def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Float[Array, "_ _"]:
-        """Write blocks on a diagonal."""
-        found = np.zeros((len(blocks), 2, len(blocks), 2))
-        place = np.arange(len(blocks))
-        found[place, :, place, :] = blocks
-        return found.reshape(2 * len(blocks), -1)
+        """Assemble a block-diagonal matrix."""
+        matrix = np.zeros((len(blocks), 2, len(blocks), 2))
+        index = np.arange(len(blocks))
+        matrix[index, :, index, :] = blocks
+        return matrix.reshape(2 * len(blocks), -1)
 
     def solved(self, matrix: Any, right: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
         """Solve a linear system."""
         return np.linalg.solve(matrix, right)
 
     def loaded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements under the vertical load, which grows in steps, and what the joints remember of it."""
+        """Displacements under the vertical load, applied in steps, and the memory of the joints."""
         u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
         steps = self.joint_law.load_steps
         for step in range(1, steps + 1):
-            wanted = load * step / steps
+            target_load = load * step / steps
             for _ in range(ITERATIONS):
                 forces = self.forces(u, memory)
-                residual = wanted - forces.internal
-                if np.linalg.norm(residual) <= TOLERANCE * np.linalg.norm(wanted):
+                residual = target_load - forces.internal
+                if np.linalg.norm(residual) <= TOLERANCE * np.linalg.norm(target_load):
                     break
                 u = u + self.solved(forces.tangent, residual)
             else:
@@ -123,7 +123,7 @@ class DenseWall:
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
 
     def lowest(self, stiffness: Any) -> np.ndarray:
-        """Lowest squares of the natural frequencies."""
+        """Lowest squared natural frequencies."""
         return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
 
     def rayleigh(
@@ -140,26 +140,26 @@ class DenseWall:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """State of a wall at an instant."""
+    """State of a wall at an instant, relative to the base."""
 
-    u: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
-    v: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
-    a: Float[np.ndarray, " dof"]  # Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base
-    memory: Float[np.ndarray, "memory joint"]  # What the joints remember
+    u: Float[np.ndarray, " dof"]  # displacement [m]
+    v: Float[np.ndarray, " dof"]  # velocity [m/s]
+    a: Float[np.ndarray, " dof"]  # acceleration [m/s²]
+    memory: Float[np.ndarray, "memory joint"]  # memory of the joints
 
 
 @dataclass(frozen=True, eq=False)
 class DenseHistory:
-    """What becomes of a wall under a record."""
+    """Response of a wall to a record."""
 
-    u: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
-    v: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
-    a: Float[np.ndarray, "time dof"] = field(repr=False)  # From the loaded wall on
-    memory: Float[np.ndarray, "time memory joint"] = field(repr=False)  # What the joints remember
-    joints: Float[np.ndarray, "time _"] = field(repr=False)  # Forces of the joints [N]
-    base: Float[np.ndarray, " time"] = field(repr=False)  # Acceleration of the base [m/s²]
+    u: Float[np.ndarray, "time dof"] = field(repr=False)  # displacements from the loaded wall on
+    v: Float[np.ndarray, "time dof"] = field(repr=False)  # velocities
+    a: Float[np.ndarray, "time dof"] = field(repr=False)  # accelerations
+    memory: Float[np.ndarray, "time memory joint"] = field(repr=False)  # memory of the joints
+    joints: Float[np.ndarray, "time _"] = field(repr=False)  # forces of the joints [N]
+    base: Float[np.ndarray, " time"] = field(repr=False)  # acceleration of the base [m/s²]
     damping: Any = field(repr=False)  # C
-    converged: bool  # Whether it went to the end
+    converged: bool  # whether it reached the end
 
 
 def simulate(
@@ -179,10 +179,10 @@ def simulate(
     motion = Motion(u, np.zeros_like(u), pushed, memory)
     kept = [(motion.u, motion.v, motion.a, motion.memory, forces.joints)]
     for before, after in pairwise(base):
-        found = _step(wall, damping, inertia, motion, before, after, dt)
-        if found is None:
+        next_motion = _step(wall, damping, inertia, motion, before, after, dt)
+        if next_motion is None:
             break
-        motion = found
+        motion = next_motion
         kept.append((motion.u, motion.v, motion.a, motion.memory, wall.forces(motion.u, motion.memory).joints))
     us, vs, accelerations, memories, joints = (np.array(column) for column in zip(*kept, strict=True))
     return DenseHistory(us, vs, accelerations, memories, joints, base[: len(us)], damping, len(us) == len(base))
@@ -191,16 +191,16 @@ def simulate(
 def _step(
     wall: DenseWall, damping: Any, inertia: np.ndarray, motion: Motion, before: float, after: float, dt: float
 ) -> Motion | None:
-    """One step; cut into 2, 4, … parts where it does not converge, None where that does not help."""
+    """One step, divided into 2, 4, … parts where it does not converge; None if no division converges."""
     cut = 1
     while cut <= LARGEST_CUT:
-        found: Motion | None = motion
+        next_motion: Motion | None = motion
         for part in range(1, cut + 1):
-            if found is not None:
+            if next_motion is not None:
                 load = wall.assembly.load - inertia * (before + (after - before) * part / cut)
-                found = _newton(wall, damping, load, found, dt / cut)
-        if found is not None:
-            return found
+                next_motion = _newton(wall, damping, load, next_motion, dt / cut)
+        if next_motion is not None:
+            return next_motion
         cut *= 2
     return None
 

@@ -15,23 +15,23 @@ from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.models.masonry.equations.condensed import Condensed
 
 ITERATIONS = 25
-"""Newton iterations of a load step at most."""
+"""Largest number of Newton iterations of a load step."""
 TOLERANCE = 1e-12
 """‖r‖ over ‖p‖ of a wall in equilibrium."""
 
 
 class Loaded(NamedTuple):
-    """A wall at rest under its vertical load, and what its motion needs."""
+    """A wall at rest under its vertical load, with the constants of its motion."""
 
-    q: Float[Array, "mode run"]  # Modal displacements
-    a_0: Float[Array, " run"]  # Rayleigh's coefficients [1/s] and [s]
-    a_1: Float[Array, " run"]  # Rayleigh's coefficients [1/s] and [s]
-    memory: Float[Array, "memory joint run"]  # What the joints remember
+    q: Float[Array, "mode run"]  # modal displacements
+    a_0: Float[Array, " run"]  # Rayleigh's mass coefficient [1/s]
+    a_1: Float[Array, " run"]  # Rayleigh's stiffness coefficient [s]
+    memory: Float[Array, "memory joint run"]  # memory of the joints
     tangent: Float[Array, "pair 2 2 run"]  # D₀, the symmetric part of the tangent of joints and short bars [N/m]
 
 
 def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tuple[int, int] = (1, 3)) -> Loaded:
-    """Load the wall, and find its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes."""
+    """Load the wall and determine its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes."""
     q, memory = jnp.zeros((len(wall.squares), runs)), jnp.zeros((wall.joint_law.memories, wall.joints, runs))
     held = jax.tree.map(lax.stop_gradient, law)
     steps = wall.joint_law.load_steps
@@ -58,7 +58,7 @@ def frequencies(wall: Condensed, law: CohesiveLaw) -> Float[np.ndarray, " dof"]:
 
 
 def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:
-    """Modal displacements under a share of the vertical load, by Newton iterations."""
+    """Modal displacements under a fraction of the vertical load, by Newton iterations."""
     limit = TOLERANCE * share * float(np.linalg.norm(wall.load))
 
     def missed(q: Any) -> Any:
@@ -66,15 +66,15 @@ def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, shar
 
     def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         q, going, count = carried
-        moved = jnp.where(going, _iterated(wall, law, memory, q, share), q)
-        return moved, missed(moved), count + 1
+        iterated = jnp.where(going, _iterated(wall, law, memory, q, share), q)
+        return iterated, missed(iterated), count + 1
 
     # Whether a run goes on is carried, not found again by the condition: mapped over runs, JAX works a condition out twice, and
     # two roundings of a residual at its limit would let the loop go on for ever while nothing moves.
-    found, _, _ = lax.while_loop(
+    result, _, _ = lax.while_loop(
         lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS), iterate, (q, missed(q), 0)
     )
-    return found
+    return result
 
 
 def _out_of_balance(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:

@@ -1,4 +1,4 @@
-"""Runs of a large wall one after another, by sparse factors, and what is recorded of them."""
+"""Runs of a large wall one at a time, with sparse factorisation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def runs_one_by_one(
     substeps: int,
     progress: Progress | None = None,
 ) -> Histories:
-    """Run a wall with several laws of its joints."""
+    """Run a wall with several parameter sets of its joints."""
     stages = excitation.stage_values(substeps)
     base, dt = np.append(stages[:, :, 0].ravel(), stages[-1, -1, 2]), excitation.dt / substeps
     values = np.full((len(laws), len(excitation), len(channels)), np.nan)
@@ -38,8 +38,8 @@ def runs_one_by_one(
         except ConvergenceError:  # it does not carry its load
             status[run], time[run] = Status.DIVERGED, 0.0
         else:
-            seen = recorded(condensed, wall, history, channels, dt, ratio)[::substeps]
-            values[run, : len(seen)] = seen
+            outputs = recorded(condensed, wall, history, channels, dt, ratio)[::substeps]
+            values[run, : len(outputs)] = outputs
             if not history.converged:
                 status[run], time[run] = Status.DIVERGED, len(history.u) * dt
         if progress is not None:
@@ -57,14 +57,14 @@ def recorded(
     memory = history.memory.transpose(1, 2, 0)
     states = WallState(q, rate, acceleration, jumps, jumps, jumps, jump_rate, memory, np.ones(q.shape[1], dtype=bool))
     at_rest = _at_rest(condensed, wall, q[:, :1], memory[:, :, :1], history, ratio)
-    seen = WallChannels(condensed, channels, wall.law, at_rest, dt)
+    observed = WallChannels(condensed, channels, wall.law, at_rest, dt)
     works = Works(*np.zeros((3, q.shape[1])))
-    if seen.added_up and q.shape[1] > 1:
+    if observed.added_up and q.shape[1] > 1:
         before, after = (WallState(*(x[..., part] for x in states)) for part in (slice(None, -1), slice(1, None)))
         nothing = Works(*np.zeros((3, q.shape[1] - 1)))
-        steps = seen.added(nothing, before, after, (history.base[:-1], history.base[1:]))
+        steps = observed.added(nothing, before, after, (history.base[:-1], history.base[1:]))
         works = Works(*(np.concatenate([[0.0], np.cumsum(np.asarray(part))]) for part in steps))
-    return np.asarray(seen.observe(states, works, history.base)).T
+    return np.asarray(observed.observe(states, works, history.base)).T
 
 
 def _at_rest(

@@ -1,4 +1,4 @@
-"""The wall's equations of motion with sparse matrices, one run at a time: for walls of more blocks than lanes serve."""
+"""The wall's equations of motion with sparse matrices, one run at a time, for walls too large for lanes."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from jaxtyping import Float
 from structid.models.masonry.equations.dense_newton import DenseWall, Matrices
 
 MODES = 6
-"""Natural frequencies that are looked for."""
+"""Number of natural frequencies that are computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class SparseWall(DenseWall):
-    """A wall whose matrices have their zeros left out; see `DenseWall`."""
+    """A wall with sparse matrices; see `DenseWall`."""
 
     @cached_property
     def matrices(self) -> Matrices:
-        """Those of the assembly; see `DenseWall.matrices`."""
+        """The assembly's matrices, sparse; see `DenseWall.matrices`."""
         a = self.assembly
         bars = a.sparse_elongations
         linear = a.sparse_block_stiffness + bars.T @ scipy.sparse.diags_array(a.bar_stiffness) @ bars
@@ -41,8 +41,8 @@ class SparseWall(DenseWall):
         return np.asarray(factors.solve(right))
 
     def lowest(self, stiffness: Any) -> np.ndarray:
-        """Lowest squares of the natural frequencies; see `DenseWall.lowest`."""
-        found = scipy.sparse.linalg.eigsh(
+        """Lowest squared natural frequencies; see `DenseWall.lowest`."""
+        eigenvalues = scipy.sparse.linalg.eigsh(
             stiffness.tocsc(), k=MODES, M=self.matrices.mass.tocsc(), sigma=0.0, return_eigenvectors=False
         )
-        return np.asarray(np.sort(found))
+        return np.asarray(np.sort(eigenvalues))

@@ -1,14 +1,14 @@
-"""A wall under a rigid beam that is moved slowly: its forces against the beam, without inertia.
+"""A wall under a rigid beam that moves slowly: its forces on the beam, without inertia.
 
 The blocks under the beam move with it. In the modes q of the blocks with the beam at rest, and with the jumps J d that the beam's
 motion d alone would open, equilibrium is
 
-    Λ q + Vᵀ f(δ) = 0,    δ = V q + J d,    forces on the beam  r = Jᵀ f(δ).
+Λ q + Vᵀ f(δ) = 0,    δ = V q + J d,    forces on the beam  r = Jᵀ f(δ).
 
-Blocks that only joints hold have modes with λ = 0. So q is found by proximal steps: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0, which is
-q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the place q₀ before. With the smallest ε this is equilibrium to ε over the squared
-frequency of a block on its joints. Where a crack runs, there is no equilibrium near by, and a laboratory would hear a bang. Steps
-with a larger ε are then taken, as if the blocks moved through a viscous fluid, until the smallest one finds a place again.
+Blocks held by joints alone have modes with λ = 0. Therefore q is found by proximal steps: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0, which
+gives q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the previous q₀. With the smallest ε this is equilibrium to within ε over the
+squared frequency of a block on its joints. Where a crack runs there is no equilibrium nearby; a laboratory would hear a bang.
+Steps with a larger ε follow, as if the blocks moved through a viscous fluid, until the smallest ε converges again.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
 from structid.models.masonry.finite_elements.mesh import Mesh
 
 PROXIMAL = np.array([1e2, 1e4, 1e5, 1e6, 1e7, 1e8])
-"""ε [1/s²]. A block on its joints has 10⁵ and more; with a smaller first one, rounding would grow."""
+"""ε [1/s²]. A block on its joints has 10⁵ and more; with a smaller first ε, rounding errors would grow."""
 STEPS = 120
-"""Proximal steps of a move at most."""
+"""Largest number of proximal steps of a move."""
 BEAM = 3
 """Degrees of freedom of the beam: u_x, u_y [m], and the rotation θ [rad] about the middle of the wall's top."""
 LOADINGS = 8
-"""Newton iterations of a load step: of the beam, in each of which the joints are in equilibrium."""
+"""Newton iterations of the beam in a load step; the joints are in equilibrium in each."""
 
 
 @dataclass(frozen=True, eq=False)
 class BeamedWall:
     """Matrices of a wall whose top nodes are held by a rigid beam."""
 
-    mesh: Mesh = field(repr=False)  # Of the wall, with its loading beam of bars
-    masonry: Masonry  # Materials and loads
-    joint_law: JointLaw  # What all joints obey
+    mesh: Mesh = field(repr=False)  # mesh of the wall, with its loading beam of bars
+    masonry: Masonry  # materials and loads
+    joint_law: JointLaw  # law of all joints
 
     @cached_property
     def top_nodes(self) -> np.ndarray:
@@ -70,14 +70,14 @@ class BeamedWall:
         """Displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2)."""
         wall = self.mesh.wall
         x, y = self.mesh.nodes[nodes, 0] - 0.5 * wall.width, self.mesh.nodes[nodes, 1] - wall.height
-        found = np.zeros((2 * len(nodes), BEAM))
-        found[0::2, 0], found[1::2, 1] = 1.0, 1.0
-        found[0::2, 2], found[1::2, 2] = -y, x
-        return found
+        matrix = np.zeros((2 * len(nodes), BEAM))
+        matrix[0::2, 0], matrix[1::2, 1] = 1.0, 1.0
+        matrix[0::2, 2], matrix[1::2, 2] = -y, x
+        return matrix
 
     @cached_property
     def jumps_of_beam(self) -> np.ndarray:
-        """J, shape (jump, 3): jumps where the blocks under the beam move with it, and no other does."""
+        """J, shape (jump, 3): jumps if the blocks under the beam move with it and no others do."""
         assembly, moving = Assembly(self.mesh, self.masonry), self.mesh.blocks[self.mesh.top_blocks].ravel()
         places = np.array([assembly.dof(node, direction) for node in moving for direction in (0, 1)])
         return np.asarray(assembly.jumps[:, places] @ self.rigid(moving))
@@ -94,12 +94,12 @@ class BeamedWall:
 
 @dataclass(frozen=True, eq=False)
 class StaticWall(RestoringForce):
-    """Forces that a wall exerts against a rigid beam on its top; displacements count from where its load has come to rest."""
+    """Forces of a wall on a rigid beam on its top; displacements are measured from the loaded wall at rest."""
 
     wall: BeamedWall = field(repr=False)
-    law: CohesiveLaw  # Parameters of the joints; floats, or arrays over runs
-    runs: int = 1  # Their number
-    farthest: float = 1e-4  # Longest move that is taken in one piece [m]
+    law: CohesiveLaw  # parameters of the joints; floats, or arrays over runs
+    runs: int = 1  # number of runs
+    farthest: float = 1e-4  # longest move made in one piece [m]
     compliances: list[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -114,7 +114,7 @@ class StaticWall(RestoringForce):
 
     @property
     def dofs(self) -> int:
-        """Motions of the beam."""
+        """Number of motions of the beam."""
         return BEAM
 
     @property
@@ -124,7 +124,7 @@ class StaticWall(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """Friction and damage follow the path; see `RestoringForce.largest_move`."""
+        """Friction and damage depend on the path; see `RestoringForce.largest_move`."""
         return self.farthest
 
     # --- inside JAX, for many runs ------------------------------------------------------------------------------
@@ -134,14 +134,14 @@ class StaticWall(RestoringForce):
         return jump_solver(self.wall.condensed, 0.0)
 
     def _at_level(self, values: Any, level: Any) -> Any:
-        """That of the proximal step which each run takes."""
-        found = values[0]
+        """Value of the proximal step that each run takes."""
+        result = values[0]
         for number, value in enumerate(values[1:], start=1):
-            found = jnp.where(level == number, value, found)
-        return found
+            result = jnp.where(level == number, value, result)
+        return result
 
     def _stepped(self, memory: Any, beam: Any, level: Any) -> tuple[Any, Any, Any]:
-        """One proximal step: forces on the beam, what is remembered there, and which runs found no place; all of shape (…, run)."""
+        """One proximal step: forces on the beam, memory, and which runs did not converge; all of shape (…, run)."""
         condensed, runs = self.wall.condensed, beam.shape[1]
         epsilon = self._at_level(PROXIMAL, level)
         weights = self._weights(epsilon)
@@ -159,14 +159,14 @@ class StaticWall(RestoringForce):
         return self.wall.jumps_of_beam.T @ force, after, lost
 
     def _moved(self, memory: Any, beam: Any) -> tuple[Any, Any]:
-        """Forces on the beam at a place, and what is remembered there, after as many proximal steps as every run needs."""
+        """Forces on the beam at a displacement, and memory, after as many proximal steps as every run needs."""
 
         def step(carried: tuple[Any, ...]) -> tuple[Any, ...]:
             memory, force, level, going, count = carried
-            found, after, lost = self._stepped(memory, beam, level)
-            taken = going & ~lost
-            memory = jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, memory)
-            force, going = jnp.where(taken, found, force), going & (lost | (level > 0))
+            result, after, lost = self._stepped(memory, beam, level)
+            accepted = going & ~lost
+            memory = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), after, memory)
+            force, going = jnp.where(accepted, result, force), going & (lost | (level > 0))
             level = jnp.clip(level + jnp.where(lost, 1.0, -1.0), 0.0, len(PROXIMAL) - 1.0)
             return memory, force, level, going, count + 1.0
 
@@ -176,9 +176,9 @@ class StaticWall(RestoringForce):
         return force, after | {"stands": after["stands"] & ~going}
 
     def _loaded(self, runs: int) -> Any:
-        """What is remembered under the vertical load, which comes on in steps; in each the beam finds its place by iterations.
+        """Memory under the vertical load, applied in steps; in each the beam finds its position by Newton iterations.
 
-        Both are one loop, so that code is written once.
+        Both are one loop, so that its code is generated once.
         """
         condensed = self.wall.condensed
         steps, load = self.wall.joint_law.load_steps, self.wall.load[:, None]
@@ -202,7 +202,7 @@ class StaticWall(RestoringForce):
         return after | {"rest": beam}
 
     def _with_slopes(self, memory: Any, beam: Any) -> tuple[Any, Any, Any, Any]:
-        """A proximal step with the smallest ε: forces on the beam and their slopes (3, 3, run), memory, and who found no place.
+        """A proximal step with the smallest ε: forces on the beam, their slopes (3, 3, run), memory, and who did not converge.
 
         The slopes are Jᵀ G δ̇ with δ̇ = (I + F G)⁻¹ J.
         """
@@ -224,7 +224,7 @@ class StaticWall(RestoringForce):
         return displacement + (self.wall.load if displacement.ndim == 1 else self.wall.load[:, None])
 
     def at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
-        """The wall under its load; see `RestoringForce.at_rest`."""
+        """The loaded wall; see `RestoringForce.at_rest`."""
         if displacement.ndim == 2:
             return self._loaded(displacement.shape[1])
         memory = jax.tree.map(np.asarray, self._compiled_load())
@@ -244,7 +244,7 @@ class StaticWall(RestoringForce):
         return force[:, 0], after
 
     def _check_support(self, jumps: np.ndarray) -> None:
-        """Refuse to go on where a bed joint has lost what lies on it."""
+        """Raise an error where a bed joint has lost its support."""
         mesh = self.wall.mesh
         count = 2 * len(mesh.joints)
         lost = (np.stack([jumps[0:count:2], np.abs(jumps[1:count:2])], axis=1) / mesh.support).max(axis=1)
@@ -263,14 +263,14 @@ class StaticWall(RestoringForce):
         return compiled
 
     def initial_stiffness(self) -> Float[np.ndarray, "3 3"]:
-        """Tangent of the wall under its load, symmetric part."""
+        """Symmetric part of the tangent of the loaded wall."""
         memory = self.at_rest(np.zeros(BEAM))
         slopes = np.asarray(jax.jit(self._with_slopes)(memory, memory["rest"])[1])[:, :, 0]
         return np.asarray(0.5 * (slopes + slopes.T))
 
 
 def _solved_for_three(matrix: Any, right: Any) -> Any:
-    """X of A x = b by Cramer's rule: A (3, 3, run), b (3, run). It has vector code, and a general solution has not."""
+    """Solve A x = b by Cramer's rule, A (3, 3, run), b (3, run): it has vector code, which a general solution lacks."""
     a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
     across = _cross(b, c)
     volume = (a * across).sum(axis=0)

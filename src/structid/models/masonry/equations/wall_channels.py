@@ -1,4 +1,4 @@
-"""What is recorded of a wall in motion: displacements of points, base shear, the state of the joints, energies."""
+"""Channels of a wall in motion: point displacements, base shear, state of the joints, energies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CHANNELS = (
     *("drift", "base_shear", "largest_opening", "largest_slip", "largest_penetration", "support_lost", "weakest_joint"),
     *("kinetic_energy", "strain_energy", "joint_energy", "damping_energy", "input_energy", "load_energy"),
 )
-"""Channels besides displacements of points."""
+"""Channels besides point displacements."""
 ADDED_UP = ("joint_energy", "damping_energy", "input_energy")
 """Energies that are sums over all steps."""
 _POINT = re.compile(r"u([xy])_(top_left|top_right|node_(\d+))")
@@ -33,11 +33,11 @@ _GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0])
 
 
 class Works(NamedTuple):
-    """Energies [J] added up since the beginning, each of shape (run,)."""
+    """Accumulated energies [J], each of shape (run,)."""
 
-    joints: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
-    damping: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
-    base: Any  # Work of the joints' forces on their jumps, of the damping forces, and of the base on the wall
+    joints: Any  # work of the joint forces on their jumps
+    damping: Any  # work of the damping forces
+    base: Any  # work of the base on the wall
 
 
 def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...]:
@@ -46,8 +46,8 @@ def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...
     allowed = f"ux_top_left, uy_top_right, ux_node_0 to uy_node_{len(mesh.nodes) - 1}, {', '.join(CHANNELS)}"
     for name in names:
         if name not in CHANNELS and not _POINT.fullmatch(name):
-            known = ("ux_top_left", "uy_top_left", "ux_top_right", "uy_top_right", *CHANNELS)
-            raise InputError("MasonryWall.channels", f"'{name}'", allowed, suggestion(str(name), known))
+            available = ("ux_top_left", "uy_top_left", "ux_top_right", "uy_top_right", *CHANNELS)
+            raise InputError("MasonryWall.channels", f"'{name}'", allowed, suggestion(str(name), available))
         if name not in CHANNELS:
             node, _ = point_of(mesh, name)
             if node >= len(mesh.nodes) or node in mesh.fixed:
@@ -65,22 +65,22 @@ def is_point(channel: str) -> bool:
 
 
 def point_of(mesh: Mesh, channel: str) -> tuple[int, int]:
-    """Node and direction of a displacement."""
-    found = _POINT.fullmatch(channel)
-    assert found is not None
-    node = int(found.group(3)) if found.group(3) else mesh.corner(found.group(2))
-    return node, "xy".index(found.group(1))
+    """Node and direction of a point displacement."""
+    match = _POINT.fullmatch(channel)
+    assert match is not None
+    node = int(match.group(3)) if match.group(3) else mesh.corner(match.group(2))
+    return node, "xy".index(match.group(1))
 
 
 @dataclass(frozen=True, eq=False)
 class WallChannels:
-    """The channels of some runs, inside JAX."""
+    """Channels of a batch of runs, inside JAX."""
 
-    condensed: Condensed = field(repr=False)  # The wall's equations
-    channels: tuple[str, ...]  # What is recorded
-    law: CohesiveLaw  # Parameters of the joints
-    loaded: Loaded  # The wall at rest
-    dt: float  # Step [s]
+    condensed: Condensed = field(repr=False)  # equations of the wall
+    channels: tuple[str, ...]  # recorded channels
+    law: CohesiveLaw  # parameters of the joints
+    loaded: Loaded  # the wall at rest
+    dt: float  # step [s]
     _drift_at_rest: Any = field(init=False, repr=False)
     _strain_at_rest: Any = field(init=False, repr=False)
 
@@ -92,12 +92,12 @@ class WallChannels:
 
     @property
     def added_up(self) -> bool:
-        """Whether energies are asked for that are sums over all steps."""
+        """Whether a channel is a sum over all steps."""
         return bool(set(ADDED_UP) & set(self.channels))
 
     @cached_property
     def _points(self) -> SparseMatrix:
-        """Displacements of the points, of the channels in order, and that of the drift."""
+        """Displacements of the recorded points in order, and the drift."""
         mesh, assembly, rows = self.condensed.assembly.mesh, self.condensed.assembly, []
         for channel in (*(c for c in self.channels if c not in CHANNELS), "ux_top_left"):
             node, direction = point_of(mesh, channel)
@@ -111,25 +111,26 @@ class WallChannels:
     def added(self, works: Works, before: WallState, after: WallState, base: tuple[Any, Any]) -> Works:
         """Add the works of a step.
 
-        The joints' is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average acceleration the
-        damping forces work Δt vᵀ C v at the mean velocity v, and the base −½ (a_g + a_g′) M ι Δu.
+        That of the joints is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average
+        acceleration the work of the damping forces is Δt vᵀ C v at the mean velocity v, and that of the base −½ (a_g + a_g′) M ι
+        Δu.
         """
         c, count = self.condensed, 2 * self.condensed.joints
         move = (after.jumps - before.jumps)[:count]
         middle = 0.5 * (after.jumps + before.jumps)
         joints = works.joints
-        for place, weight in zip(*_GAUSS, strict=True):
-            force, _ = c.forces(self.law, before.memory, middle + 0.5 * place * (after.jumps - before.jumps))
+        for abscissa, weight in zip(*_GAUSS, strict=True):
+            force, _ = c.forces(self.law, before.memory, middle + 0.5 * abscissa * (after.jumps - before.jumps))
             joints = joints + 0.5 * weight * jnp.sum(force[:count] * move, axis=0)
         rate, jump_rate = 0.5 * (after.rate + before.rate), 0.5 * (after.jump_rate + before.jump_rate)
-        own = jnp.sum((self.loaded.a_0 + self.loaded.a_1 * c.squares[:, None]) * rate**2, axis=0)
+        block_damping = jnp.sum((self.loaded.a_0 + self.loaded.a_1 * c.squares[:, None]) * rate**2, axis=0)
         pairs = jump_rate.reshape(-1, 2, jump_rate.shape[1])
         dashpots = self.loaded.a_1 * jnp.einsum("gar,gabr,gbr->r", pairs, self.loaded.tangent, pairs)
         pushed = -0.5 * (base[0] + base[1]) * jnp.sum(c.inertia[:, None] * (after.q - before.q), axis=0)
-        return Works(joints, works.damping + self.dt * (own + dashpots), works.base + pushed)
+        return Works(joints, works.damping + self.dt * (block_damping + dashpots), works.base + pushed)
 
     def observe(self, state: WallState, works: Works, base: Any) -> Float[Array, "channel run"]:
-        """Give the channels at an instant."""
+        """Compute the channels at an instant."""
         points, of_the_wall = self._points.times(state.q), self._of_the_wall
         rows, number = [], 0
         for channel in self.channels:
@@ -141,7 +142,7 @@ class WallChannels:
         return jnp.stack(rows)
 
     def _lost(self, jumps: Any) -> Any:
-        """How much of its support each bed joint has lost, all of it where this is 1, shape (joint, run)."""
+        """Lost fraction of the support of each bed joint, shape (joint, run); 1 means all."""
         count, limits = 2 * self.condensed.joints, self.condensed.assembly.mesh.support
         opened, slid = jumps[0:count:2] / limits[:, :1], jnp.abs(jumps[1:count:2]) / limits[:, 1:]
         return jnp.maximum(opened, slid)

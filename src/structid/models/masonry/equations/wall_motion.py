@@ -17,44 +17,44 @@ from structid.models.masonry.equations.condensed import Condensed
 from structid.models.masonry.equations.loaded_wall import Loaded
 
 ITERATIONS = 25
-"""Newton iterations of a step at most."""
+"""Largest number of Newton iterations of a step."""
 TOLERANCE = 1e-13
-"""Change of a jump [m] over one metre and the largest jump, at which iterations end."""
+"""Convergence: change of a jump [m] relative to one metre and to the largest jump."""
 
 
 class WallState(NamedTuple):
     """State of a wall between two steps; shapes (mode, run) and (jump, run)."""
 
-    q: Any  # Modal displacements and their derivatives
-    rate: Any  # Modal displacements and their derivatives
-    acceleration: Any  # Modal displacements and their derivatives
-    jumps: Any  # Jumps now and at the two steps before, from which the next are guessed
-    before: Any  # Jumps now and at the two steps before, from which the next are guessed
-    long_before: Any  # Jumps now and at the two steps before, from which the next are guessed
+    q: Any  # modal displacements
+    rate: Any  # modal velocities
+    acceleration: Any  # modal accelerations
+    jumps: Any  # jumps, also of the two steps before, for the first guess
+    before: Any  # jumps of the step before
+    long_before: Any  # jumps two steps before
     jump_rate: Any  # δ′
-    memory: Float[Array, "memory joint run"]  # What the joints remember
+    memory: Float[Array, "memory joint run"]  # memory of the joints
     converged: Bool[Array, " run"]  # Whether every step has converged
 
 
 class Fixed(NamedTuple):
-    """What a step needs that is the same in all steps."""
+    """Constants that are the same in all steps."""
 
-    law: CohesiveLaw  # Parameters of the joints
-    compliance: Any  # Blocks of F
+    law: CohesiveLaw  # parameters of the joints
+    compliance: Any  # blocks of F
     dashpots: Float[Array, "pair 2 2 run"]  # a₁ D₀ [N s/m]
 
 
 class Unknown(NamedTuple):
-    """What the jumps of a step depend on."""
+    """Data on which the jumps of a step depend."""
 
-    fixed: Fixed  # What is the same in all steps
-    memory: Float[Array, "memory joint run"]  # What the joints remember
+    fixed: Fixed  # constants of all steps
+    memory: Float[Array, "memory joint run"]  # memory of the joints
     free: Float[Array, "jump run"]  # δ_free = V W b, the jumps without forces of the joints
     before: Float[Array, "jump run"]  # 2/Δt δ₀ + δ₀′
 
 
 def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
-    """State at rest, with the acceleration that equilibrium with the base's first one asks for."""
+    """State at rest, with the acceleration required by equilibrium under the base's first acceleration."""
     jumps = wall.jump_rows @ loaded.q
     still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
     pushed = jnp.broadcast_to(-wall.inertia[:, None] * base, loaded.q.shape)
@@ -63,7 +63,7 @@ def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
 
 
 def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
-    """Give the step of average acceleration."""
+    """Return the step of average acceleration."""
     squares, two = wall.squares[:, None], 2.0 / dt
     own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
     weights = 1.0 / (two**2 + two * own_damping + squares)
@@ -99,13 +99,13 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
 
 
 def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tuple[Any, Any, Any]]:
-    """Give the solution of δ = δ_free − F g(δ), with its forces and the runs whose iterations are still going on.
+    """Return the solver of δ = δ_free − F g(δ), with its forces and the runs that have not converged.
 
     Its derivatives are those of the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
     """
 
     def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:
-        """Forces g with the dashpots', and their tangent G."""
+        """Forces g including the dashpots', and their tangent G."""
         fixed = unknown.fixed
         force, tangent = wall.forces(fixed.law, unknown.memory, jumps)
         rate = (two * jumps - unknown.before).reshape(-1, 2, jumps.shape[1])

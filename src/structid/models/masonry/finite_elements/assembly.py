@@ -1,4 +1,4 @@
-"""Matrices of a wall: mass, stiffness of its blocks, jumps of its joints and elongations of its bars, loads.
+"""Matrices of a wall: mass, stiffness of its blocks, jumps of its joints, elongations of its bars, loads.
 
 Forces of joints and bars are formed from their jumps and elongations. Formed as K u, the short bars of 10¹¹ N/m would leave a
 rounding error in the residual that no iteration removes.
@@ -75,7 +75,7 @@ class Assembly:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """M written out, shape (dof, dof) [kg]."""
+        """M as a dense array, shape (dof, dof) [kg]."""
         return np.asarray(self.sparse_mass.toarray())
 
     @cached_property
@@ -86,7 +86,7 @@ class Assembly:
 
     @cached_property
     def block_stiffness(self) -> np.ndarray:
-        """The same written out, shape (dof, dof) [N/m]."""
+        """The same as a dense array, shape (dof, dof) [N/m]."""
         return np.asarray(self.sparse_block_stiffness.toarray())
 
     @cached_property
@@ -107,12 +107,12 @@ class Assembly:
 
     @cached_property
     def jumps(self) -> np.ndarray:
-        """The same written out, shape (2 joint, dof)."""
+        """The same as a dense array, shape (2 joint, dof)."""
         return np.asarray(self.sparse_jumps.toarray())
 
     @cached_property
     def joint_areas(self) -> np.ndarray:
-        """Of every joint, shape (joint,) [m²]."""
+        """Area of every joint, shape (joint,) [m²]."""
         return np.array([joint.area for joint in self.mesh.joints])
 
     @cached_property
@@ -125,7 +125,7 @@ class Assembly:
 
     @cached_property
     def elongations(self) -> np.ndarray:
-        """The same written out, shape (bar, dof)."""
+        """The same as a dense array, shape (bar, dof)."""
         return np.asarray(self.sparse_elongations.toarray())
 
     @cached_property
@@ -143,30 +143,30 @@ class Assembly:
 
     @cached_property
     def horizontal(self) -> np.ndarray:
-        """ι of a horizontal motion of the base: one for every horizontal degree of freedom, shape (dof,)."""
+        """ι for a horizontal motion of the base: one for every horizontal degree of freedom, shape (dof,)."""
         return np.asarray((self.mesh.free % 2 == 0).astype(np.float64))
 
     @cached_property
     def short_bars(self) -> np.ndarray:
-        """Which bars join two blocks, shape (bar,)."""
+        """Which bars connect two blocks, shape (bar,)."""
         return np.asarray(self.mesh.bar_lengths == SHORT_BAR)
 
     def dof(self, node: int, direction: int) -> int:
-        """Place of a degree of freedom among the free ones."""
+        """Index of a degree of freedom among the free ones."""
         return int(np.searchsorted(self.mesh.free, 2 * node + direction))
 
     def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
-        """Nodes of the beam with their shares by tributary length, half of a block's to each end."""
-        mesh, found = self.mesh, []
+        """Nodes of the beam with their tributary fractions, half of a block's to each end."""
+        mesh, shares = self.mesh, []
         standing = [(mesh.nodes[b[0], 0], mesh.nodes[b[1], 0]) for b in mesh.blocks if mesh.nodes[b[0], 1] == 0.0]
         for block in mesh.top_blocks:
             nodes = mesh.blocks[block]
             left, right = mesh.nodes[nodes[0], 0], mesh.nodes[nodes[1], 0]
             middle = 0.5 * (left + right)
             if everywhere or any(low < middle < high for low, high in standing):
-                found += [(int(nodes[3]), 0.5 * (right - left)), (int(nodes[2]), 0.5 * (right - left))]
-        total = sum(share for _, share in found)
-        return [(node, share / total) for node, share in found]
+                shares += [(int(nodes[3]), 0.5 * (right - left)), (int(nodes[2]), 0.5 * (right - left))]
+        total = sum(share for _, share in shares)
+        return [(node, share / total) for node, share in shares]
 
     def _of_blocks(self, of_one: Callable[[np.ndarray], np.ndarray]) -> scipy.sparse.csr_array:
         """Sum of the blocks' matrices over all degrees of freedom."""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
-"""Points of the rule with two, whose weights are one."""
+"""Points of the two-point rule, with unit weights."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """Natural coordinates of the nodes."""
 

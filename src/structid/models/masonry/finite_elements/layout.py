@@ -1,4 +1,4 @@
-"""How a wall is cut into blocks: bays beside its openings, courses in each bay, lines on which blocks meet."""
+"""Layout of a wall: bays between openings, courses in each bay, lines on which blocks meet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 TOLERANCE = 1e-9
-"""Lengths [m] that differ by less are the same."""
+"""Lengths [m] that differ by less are equal."""
 
 
 @check_arguments
@@ -36,12 +36,12 @@ class Opening:
 
     @property
     def right(self) -> float:
-        """Its right edge [m]."""
+        """Right edge [m]."""
         return self.left + self.width
 
     @property
     def top(self) -> float:
-        """Its lintel [m]."""
+        """Lintel [m]."""
         return self.bottom + self.height
 
     def holds(self, x: float, y: float) -> bool:
@@ -64,17 +64,17 @@ class Opening:
 
 
 DOOR = Opening(left=1.2, bottom=0.0, width=0.9, height=1.6)
-"""Of the source's façade."""
+"""Door of the thesis's façade."""
 
 
 class Block(NamedTuple):
-    """A rectangle of masonry [m], and its name such as ``"bay 1, course 2"``."""
+    """A rectangle of masonry [m] with a name such as ``"bay 1, course 2"``."""
 
-    left: float  # Its edges
-    bottom: float  # Its edges
-    right: float  # Its edges
-    top: float  # Its edges
-    name: str  # Where it is
+    left: float  # left edge
+    bottom: float  # lower edge
+    right: float  # right edge
+    top: float  # upper edge
+    name: str  # its location
 
 
 @check_arguments
@@ -137,19 +137,19 @@ class Wall:
             cure = f"The wall is {self.width:g} m wide and {self.height:g} m high."
             raise InputError("Wall.openings", f"{opening} does not fit", "openings inside the wall", cure)
         for other in others:
-            beside = opening.right <= other.left + TOLERANCE or other.right <= opening.left + TOLERANCE
+            beside_each_other = opening.right <= other.left + TOLERANCE or other.right <= opening.left + TOLERANCE
             above = opening.top <= other.bottom + TOLERANCE or other.top <= opening.bottom + TOLERANCE
-            if not (beside or above):
+            if not (beside_each_other or above):
                 raise InputError("Wall.openings", f"{opening} overlaps {other}", "openings that do not overlap")
 
     @property
     def zones(self) -> list[tuple[float, float]]:
-        """Bottom and top [m] of the heights between sills and lintels, from below."""
+        """Bottom and top [m] of the zones between sills and lintels, from below."""
         return list(pairwise(_distinct([0.0, self.height, *(y for o in self.openings for y in (o.bottom, o.top))])))
 
     @property
     def columns(self) -> list[tuple[float, float]]:
-        """Left and right end [m] of the widths between edges and middles of openings, cut to `block_length`."""
+        """Left and right ends [m] of the columns between edges and middles of openings, divided to `block_length`."""
         edges = [x for o in self.openings for x in (o.left, 0.5 * (o.left + o.right), o.right)]
         lines = [0.0, self.width]
         for left, right in pairwise(_distinct([*lines, *edges])):
@@ -170,15 +170,15 @@ class Wall:
         list of list of tuple of float
             The columns of every bay, from the left.
         """
-        found: list[list[tuple[float, float]]] = []
+        bays: list[list[tuple[float, float]]] = []
         middle, open_before = 0.5 * sum(self.zones[zone]), True
         for left, right in self.columns:
             is_open = any(opening.holds(0.5 * (left + right), middle) for opening in self.openings)
             if not is_open:
-                found = [*found, []] if open_before else found
-                found[-1].append((left, right))
+                bays = [*bays, []] if open_before else bays
+                bays[-1].append((left, right))
             open_before = is_open
-        return found
+        return bays
 
     def _courses_of(self, zone: int) -> list[int]:
         """Number of courses of every bay of a zone."""
@@ -202,8 +202,8 @@ class Wall:
 
     @property
     def blocks(self) -> list[Block]:
-        """All blocks: zone by zone from below, bay by bay from the left, course by course, block by block."""
-        found = []
+        """All blocks: by zone from below, by bay from the left, by course, by block."""
+        blocks = []
         for zone, (bottom, top) in enumerate(self.zones):
             for bay, (columns, count) in enumerate(zip(self.bays(zone), self._courses_of(zone), strict=True), start=1):
                 heights = np.linspace(bottom, top, count + 1)
@@ -212,15 +212,15 @@ class Wall:
                         where = f"zone {zone + 1}, bay {bay}, course {course}" + (
                             f", block {number}" if len(columns) > 1 else ""
                         )
-                        found.append(Block(left, float(low), right, float(high), where))
-        return found
+                        blocks.append(Block(left, float(low), right, float(high), where))
+        return blocks
 
 
 def _distinct(values: Sequence[float]) -> list[float]:
-    """Values in order, without those that are the same within rounding."""
+    """Sorted values without duplicates, within rounding."""
     ordered = np.sort(np.array(values))
     return [float(v) for v in ordered[np.concatenate([[True], np.diff(ordered) > TOLERANCE])]]
 
 
 FACADE = Wall(courses=((4, 3), 2))
-"""The source's."""
+"""The thesis's façade."""

@@ -13,61 +13,61 @@ from structid.core.errors import InputError, check_choice
 from structid.models.masonry.finite_elements.layout import TOLERANCE, Block, Wall
 
 SHORT_BAR = 0.02
-"""Length [m] whose stiffness a bar has that joins two nodes at one place."""
+"""Length [m] for the stiffness of a bar between two nodes at the same point."""
 
 
 class Joint(NamedTuple):
-    """A point where two faces of blocks touch."""
+    """A point at which two faces of blocks touch."""
 
     # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
     lower: tuple[int, int]
     # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
     upper: tuple[int, int]
-    weights: tuple[float, float]  # Shares of the two ends in the displacement of the point
-    normal: tuple[float, float]  # From the lower to the upper block, or from the left to the right one
+    weights: tuple[float, float]  # weights of the two ends in the displacement of the point
+    normal: tuple[float, float]  # from the lower to the upper block, or from the left to the right one
     area: float  # [m²]
-    place: tuple[float, float]  # The point [m]
+    place: tuple[float, float]  # coordinates [m]
     name: str  # Such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A wall in numbers."""
+    """A wall as arrays."""
 
-    wall: Wall  # From which it was made
-    nodes: Float[np.ndarray, "node 2"] = field(repr=False)  # Places [m]; each block has its own four
-    blocks: Int[np.ndarray, "block 4"] = field(repr=False)  # Nodes of every block, counterclockwise from the lower left
-    block_names: tuple[str, ...] = field(repr=False)  # Where they are
+    wall: Wall  # the wall it was made from
+    nodes: Float[np.ndarray, "node 2"] = field(repr=False)  # coordinates [m]; each block has its own four
+    blocks: Int[np.ndarray, "block 4"] = field(repr=False)  # nodes of every block, counterclockwise from the lower left
+    block_names: tuple[str, ...] = field(repr=False)  # locations of the blocks
     joints: tuple[Joint, ...] = field(repr=False)
     bars: Int[np.ndarray, "bar 2"] = field(repr=False)  # Nodes of the loading beam's bars, from the left
-    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)  # [m]; `SHORT_BAR` where both nodes are at one place
-    fixed: Int[np.ndarray, " fixed"] = field(repr=False)  # Nodes that do not move
+    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)  # [m]; `SHORT_BAR` where both nodes coincide
+    fixed: Int[np.ndarray, " fixed"] = field(repr=False)  # fixed nodes
 
     @property
     def free(self) -> np.ndarray:
-        """Degrees of freedom that move: 2 i is the horizontal one of node i, 2 i + 1 the vertical one."""
+        """Free degrees of freedom: 2 i is the horizontal one of node i, 2 i + 1 the vertical one."""
         return np.setdiff1d(np.arange(2 * len(self.nodes)), np.concatenate([2 * self.fixed, 2 * self.fixed + 1]))
 
     @property
     def support(self) -> np.ndarray:
-        """Opening and slip [m] at which each joint has lost what lies on it, shape (joint, 2).
+        """Opening and slip [m] at which each joint loses its support, shape (joint, 2).
 
-        A bed joint has when it has slid by half its length, or opened by half the block on it; a joint between neighbours carries
-        nothing, and its limits are infinite.
+        A bed joint loses it when it slides by half its length or opens by half the block on it. A joint between neighbours
+        supports nothing, so that its limits are infinite.
         """
-        found = np.full((len(self.joints), 2), np.inf)
+        support = np.full((len(self.joints), 2), np.inf)
         for number, joint in enumerate(self.joints):
             if joint.normal[1]:
                 corners = self.nodes[self.blocks[joint.upper[0] // 4]]
-                found[number] = 0.5 * np.ptp(corners[:, 1]), 0.5 * np.ptp(corners[:, 0])
-        return found
+                support[number] = 0.5 * np.ptp(corners[:, 1]), 0.5 * np.ptp(corners[:, 0])
+        return support
 
     @property
     def top_blocks(self) -> np.ndarray:
         """Blocks under the beam, from the left."""
         tops = self.nodes[self.blocks[:, 2], 1]
-        found = np.flatnonzero(tops > self.wall.height - TOLERANCE)
-        return np.asarray(found[np.argsort(self.nodes[self.blocks[found, 0], 0])])
+        top = np.flatnonzero(tops > self.wall.height - TOLERANCE)
+        return np.asarray(top[np.argsort(self.nodes[self.blocks[top, 0], 0])])
 
     def corner(self, name: str) -> int:
         """Find a node on the top."""
@@ -83,7 +83,7 @@ class Mesh:
 
 
 def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) -> Mesh:
-    """Make the mesh of a wall."""
+    """Mesh a wall."""
     check_choice("joint_points", joint_points, ("ends", "gauss"))
     blocks = wall.blocks
     corners = np.array([[(b.left, b.bottom), (b.right, b.bottom), (b.right, b.top), (b.left, b.top)] for b in blocks])
@@ -99,11 +99,11 @@ def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) ->
 
 def _joints(blocks: list[Block], numbers: np.ndarray, thickness: float, points: str, base_joint: bool) -> list[Joint]:
     """Two joints on every line on which two blocks touch."""
-    found: list[Joint] = []
+    joints: list[Joint] = []
     for i, one in enumerate(blocks):
         if base_joint and one.bottom < TOLERANCE:
             face, ends = (int(numbers[i, 0]), int(numbers[i, 1])), ((one.left, 0.0), (one.right, 0.0))
-            found += _on_a_line(
+            joints += _on_a_line(
                 (-1, -1), face, ends, (0.0, 1.0), thickness, points, f"between the ground and {one.name}"
             )
         for j, other in enumerate(blocks):
@@ -111,12 +111,12 @@ def _joints(blocks: list[Block], numbers: np.ndarray, thickness: float, points: 
             if _same(one.top, other.bottom) and _same(one.left, other.left) and _same(one.right, other.right):
                 lower, upper = (int(numbers[i, 3]), int(numbers[i, 2])), (int(numbers[j, 0]), int(numbers[j, 1]))
                 ends = ((one.left, one.top), (one.right, one.top))
-                found += _on_a_line(lower, upper, ends, (0.0, 1.0), thickness, points, name)
+                joints += _on_a_line(lower, upper, ends, (0.0, 1.0), thickness, points, name)
             elif _same(one.right, other.left) and _same(one.bottom, other.bottom) and _same(one.top, other.top):
                 lower, upper = (int(numbers[i, 1]), int(numbers[i, 2])), (int(numbers[j, 0]), int(numbers[j, 3]))
                 ends = ((one.right, one.bottom), (one.right, one.top))
-                found += _on_a_line(lower, upper, ends, (1.0, 0.0), thickness, points, name)
-    return found
+                joints += _on_a_line(lower, upper, ends, (1.0, 0.0), thickness, points, name)
+    return joints
 
 
 def _on_a_line(
@@ -131,14 +131,14 @@ def _on_a_line(
     length = float(np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]))
     share = 1.0 if points == "ends" else 0.5 + 0.5 / np.sqrt(3.0)
     sides = ("left", "right") if normal[1] else ("below", "above")
-    found = []
+    result = []
     for weights, side in zip(((share, 1.0 - share), (1.0 - share, share)), sides, strict=True):
-        place = (
+        position = (
             weights[0] * ends[0][0] + weights[1] * ends[1][0],
             weights[0] * ends[0][1] + weights[1] * ends[1][1],
         )
-        found.append(Joint(lower, upper, weights, normal, 0.5 * length * thickness, place, f"{name}, {side}"))
-    return found
+        result.append(Joint(lower, upper, weights, normal, 0.5 * length * thickness, position, f"{name}, {side}"))
+    return result
 
 
 def _same(a: float, b: float) -> bool:
@@ -155,7 +155,7 @@ def _bars(blocks: list[Block], numbers: np.ndarray, height: float) -> tuple[np.n
 
 
 def _check_supported(blocks: list[Block], joints: list[Joint]) -> None:
-    """Refuse a block that no chain of joints connects with the base."""
+    """Refuse a block without a chain of joints to the base."""
     touching: dict[int, set[int]] = {i: set() for i in range(len(blocks))}
     for joint in joints:
         one, other = (face[0] // 4 if face[0] >= 0 else None for face in (joint.lower, joint.upper))

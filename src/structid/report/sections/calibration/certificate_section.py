@@ -1,4 +1,4 @@
-"""The certificate of a calibration: what was asked for, how far true runs move the means, the rounds."""
+"""The certificate of a calibration: limits, bounds, shifts by model runs, rounds."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def what_was_asked(certificate: Certificate) -> Table:
-    """Put figures of a certificate beside their limits."""
+    """Figures of a certificate with their limits."""
     return Table("What was asked for", (["", "found", "limit"], _asked(certificate)))
 
 
 def what_was_bounded(certificate: Certificate) -> Table:
-    """Give the bounds of every parameter's moments."""
+    """Bounds of every parameter's moments."""
     by_chance = [] if certificate.monte_carlo is None else ["of this by the number of draws [sd]"]
     heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "mean moves by [sd]"]
     return Table(
@@ -50,7 +50,7 @@ def what_was_bounded(certificate: Certificate) -> Table:
 
 
 def _second_explorer(found: Representation | None) -> list[Table]:
-    """How far another explorer of the surrogate's posterior, which is built otherwise, agrees with the draws."""
+    """Agreement of a second sampler with the draws."""
     if found is None:
         return []
     moments = zip(found.names, found.mean_gap, found.mean_error, found.sd_gap, found.sd_error, strict=True)
@@ -66,13 +66,16 @@ def _second_explorer(found: Representation | None) -> list[Table]:
     ]
     if len(found.modes) > 1:
         shares = zip(found.shares, found.shares_again, strict=True)
-        rows = [[str(mode), f"{own:.2f}", f"{again:.2f}"] for mode, (own, again) in enumerate(shares, start=1)]
+        rows = [
+            [str(mode), f"{first_share:.2f}", f"{again:.2f}"]
+            for mode, (first_share, again) in enumerate(shares, start=1)
+        ]
         tables.append(Table("Shares of the modes", (["mode", "of the draws", "of the second explorer's"], rows)))
     return tables
 
 
 def _asked(certificate: Certificate) -> list[list[str]]:
-    """Figures of a certificate beside their limits."""
+    """Figures of a certificate with their limits."""
     limits, variation = certificate.limits, certificate.variation
     of_weights = [
         f"variation χ of the weights, bounded with {100 * variation.confidence:.3g} % confidence (look {certificate.look})",

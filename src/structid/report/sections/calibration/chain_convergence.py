@@ -1,4 +1,4 @@
-"""Whether the sampler has converged."""
+"""Convergence of the sampler."""
 
 from __future__ import annotations
 

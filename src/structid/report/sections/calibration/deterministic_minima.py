@@ -15,11 +15,12 @@ from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Ta
 from structid.report.tables import percent
 
 FURTHER, NOTICED = 2.0, 0.02
-"""Times that the MAP leaves more than least squares, and the share of the variance, from which on the page says why."""
+"""Ratio of the MAP's residual to that of least squares, and residual fraction of the variance, above which the page explains
+the difference."""
 
 
 def _at_zero(value: float) -> str:
-    """A parameter that lies on a bound at zero, up to rounding, is shown as zero."""
+    """Show a parameter at a bound of zero, up to rounding, as zero."""
     return "0" if abs(value) < 1e-12 else f"{value:.5g}"
 
 
@@ -48,18 +49,18 @@ def _minima(material: PosteriorMaterial) -> Rows:
 
 
 def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
-    """Share of the measurement's variance that MAP and mean leave, in the sense of least squares; each is simulated once a page."""
+    """Fraction of the measurement's variance left by MAP and mean, in the least-squares sense; each simulated once per page."""
     key = "what MAP and mean leave"
     if key not in material.shared:
         misfit, size = material.posterior.misfit, material.posterior.model_space.dimension
         both = (material.result.map_estimate, material.result.mean)
         material.shared[key] = tuple(float(misfit(theta[None, :size])[0] / misfit.scale) for theta in both)
-    found: tuple[float, float] = material.shared[key]
-    return found
+    fractions: tuple[float, float] = material.shared[key]
+    return fractions
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
-    """Why the MAP may be further from the measurement than least squares."""
+    """Why the MAP may fit worse than least squares."""
     if not material.searches:
         return []
     least = min(search.best.value / search.scale for search in material.searches.values())
@@ -87,8 +88,8 @@ def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarr
     """Displacement [mm] and force [kN] of the first spring at the best minimum."""
     posterior = material.true_posterior
     parameters = np.asarray(posterior.model_parameters(material.completed(search.best.theta)[None]))
-    found = simulated_loops(posterior.model, parameters, material.observations[0].record)
-    loop = next(iter(found.values()))[0]
+    loops = simulated_loops(posterior.model, parameters, material.observations[0].record)
+    loop = next(iter(loops.values()))[0]
     return loop[:, 0] * 1e3, loop[:, 1] * 1e-3
 
 

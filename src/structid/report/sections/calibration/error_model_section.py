@@ -1,4 +1,4 @@
-"""Which law of the errors is used, why, and whether the model's parameters drift."""
+"""The error model, the reasons for its choice, and the drift of parameters."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from structid.report.section import Section, Table, nothing
 
 def _words(material: PosteriorMaterial) -> list[str]:
     choice, drift = material.law_choice, material.result.drift
-    said = []
+    sentences = []
     if choice is not None:
-        said.append(choice.sentence)
+        sentences.append(choice.sentence)
     elif material.left_to_the_data:
-        said.append(
+        sentences.append(
             "Independent errors are assumed. To choose a law by its evidence would take tens of thousands of runs of this solver: "
             "a surrogate makes that possible."
         )
     else:
-        said.append(
+        sentences.append(
             f"The errors are taken to be of this law: {material.posterior.law.describe()['kind'].replace('_', ' ')}."
         )
     told_already = choice is not None and choice.posterior.law.inside
     if drift is not None and drift.found and not told_already:
-        said.append(drift.sentence(material.result.mean))
-    return said
+        sentences.append(drift.sentence(material.result.mean))
+    return sentences
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
@@ -32,8 +32,8 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         return []
     best = max(e.value for e in choice.evidences if e.value == e.value)
     rows = [
-        [law, f"{e.value:.1f} ± {e.error:.1f}", f"{e.value - best:.1f}", "chosen" if place == choice.chosen else ""]
-        for place, (law, e) in enumerate(zip(choice.laws, choice.evidences, strict=True))
+        [law, f"{e.value:.1f} ± {e.error:.1f}", f"{e.value - best:.1f}", "chosen" if index == choice.chosen else ""]
+        for index, (law, e) in enumerate(zip(choice.laws, choice.evidences, strict=True))
     ]
     return [
         Table("Laws of the errors, each with the same model", (["law", "log evidence", "to the largest", ""], rows))

@@ -1,4 +1,4 @@
-"""The certificate of draws that another program made."""
+"""The certificate of external draws."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _tables(material: CertificateMaterial) -> list[Table]:
 
 
 def _what_was_taught(certificate: Certificate) -> list[Table]:
-    """How far the law of the draws is from the one that the runs have taught."""
+    """Difference of the draws' density from the one learnt from model runs."""
     taught = certificate.correction
     if taught is None:
         return []
@@ -40,7 +40,7 @@ def _what_was_taught(certificate: Certificate) -> list[Table]:
 
 
 def _furthest(correlations: np.ndarray, names: tuple[str, ...]) -> str:
-    """By how much the correlation with one of the other parameters differs most, and with which."""
+    """Largest difference of a correlation with another parameter, and that parameter."""
     other = int(np.argmax(np.abs(correlations)))
     return f"{correlations[other]:+.2f} with {pretty(names[other])}" if len(names) > 1 else ""
 

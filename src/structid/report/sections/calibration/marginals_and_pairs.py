@@ -1,4 +1,4 @@
-"""The posterior: marginals, pairs, what the data see, priors."""
+"""The posterior: marginals, pairs, identifiability, priors."""
 
 from __future__ import annotations
 
@@ -71,19 +71,19 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
-    """The posterior in the coordinates that the study declares, on which responses depend more simply than on the parameters."""
+    """The posterior in the study's coordinates, on which responses depend more simply than on the parameters."""
     space = material.posterior.space
     if not space.coordinates:
         return []
     draws, weights = material.weighted_draws
     values = np.asarray(space.in_coordinates(draws))
     mean, sd, low, high = moments(values, weights)
-    known = set(material.true_values) >= set(material.posterior.model_space.names)
+    has_truth = set(material.true_values) >= set(material.posterior.model_space.names)
     truth = None
-    if known:
+    if has_truth:
         of_the_model = [material.true_values.get(name, np.nan) for name in space.names]
         truth = np.asarray(space.in_coordinates(np.array(of_the_model)))
-    heads = ["coordinate", "mean", "sd", "5 %", "95 %", *(["truth"] if known else [])]
+    heads = ["coordinate", "mean", "sd", "5 %", "95 %", *(["truth"] if has_truth else [])]
     rows = [
         [pretty(name), *(number(float(v), float(sd[i])) for v in (mean[i], sd[i], low[i], high[i]))]
         + ([] if truth is None else [number(float(truth[i]), float(sd[i]))])

@@ -15,9 +15,9 @@ from structid.report.material.predicted_band import PredictedBand
 from structid.report.section import Drawing, Picture, Section, nothing
 
 LOOP_DRAWS = 40
-"""Number of draws whose loops are drawn thinly behind that of the MAP estimate."""
+"""Number of draws whose loops are drawn behind that of the MAP estimate."""
 MOST_SPRINGS = 4
-"""Springs whose loops are drawn: those that absorb most."""
+"""Number of springs whose loops are drawn, those that absorb most energy."""
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
@@ -29,13 +29,13 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
         first = next(i for i, o in enumerate(material.observations) if o.record is observation.record)
         if first == index:
             loops = _PredictedLoops(material, index)
-            for place in range(min(MOST_SPRINGS, len(material.true_posterior.model.loop_channels))):
-                drawings += [functools.partial(_loops, loops, place), functools.partial(_energy, loops, place)]
+            for position in range(min(MOST_SPRINGS, len(material.true_posterior.model.loop_channels))):
+                drawings += [functools.partial(_loops, loops, position), functools.partial(_energy, loops, position)]
     return drawings
 
 
 class _PredictedObservation:
-    """What the posterior predicts of one observation."""
+    """Prediction of one observation."""
 
     def __init__(self, material: PosteriorMaterial, index: int) -> None:
         self.material, self.index = material, index
@@ -44,14 +44,14 @@ class _PredictedObservation:
 
     @cached_property
     def band(self) -> PredictedBand:
-        """The response of draws, with and without discrepancy, and of the MAP estimate."""
+        """The response of draws, with and without errors, and of the MAP estimate."""
         material = self.material
         draws = predict(material.posterior, material.draws, seed=material.result.seed, observation=self.index)
         return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
 
 
 class _PredictedLoops:
-    """What the posterior predicts of the springs on the record of an observation."""
+    """Predicted loops of the springs on the record of an observation."""
 
     def __init__(self, material: PosteriorMaterial, index: int) -> None:
         self.material, self.index = material, index
@@ -67,7 +67,7 @@ class _PredictedLoops:
 
     @cached_property
     def drawn(self) -> list[str]:
-        """Names of the springs that are drawn, in the model's order."""
+        """Names of the drawn springs, in the model's order."""
         absorbed = {name: float(np.nanmax(np.abs(loops[0, :, 2]))) for name, loops in self.of_springs.items()}
         most = sorted(absorbed, key=lambda name: -absorbed[name])[:MOST_SPRINGS]
         return [name for name in self.of_springs if name in most]
@@ -77,7 +77,7 @@ class _PredictedLoops:
         return self.material.true_loops[self.index].get(spring)
 
     def name(self, what: str, spring: str) -> str:
-        """Name of a figure's file."""
+        """File name of a figure."""
         return f"{what}{'_' if spring else ''}{spring.replace(' ', '_')}{self.suffix}"
 
 
@@ -95,8 +95,8 @@ def _band(predicted: _PredictedObservation, column: int) -> Picture:
     )
 
 
-def _loops(predicted: _PredictedLoops, place: int) -> Picture:
-    spring = predicted.drawn[place]
+def _loops(predicted: _PredictedLoops, number: int) -> Picture:
+    spring = predicted.drawn[number]
     loops, truth = predicted.of_springs[spring], predicted.truth(spring)
     figure = loop_figures.loops(
         predicted.record.time,
@@ -117,8 +117,8 @@ def _loops(predicted: _PredictedLoops, place: int) -> Picture:
     return Picture(predicted.name("loops", spring), caption, figure)
 
 
-def _energy(predicted: _PredictedLoops, place: int) -> Picture:
-    spring = predicted.drawn[place]
+def _energy(predicted: _PredictedLoops, number: int) -> Picture:
+    spring = predicted.drawn[number]
     loops, truth = predicted.of_springs[spring], predicted.truth(spring)
     low, high = np.nanquantile(loops[1:, :, 2], [0.05, 0.95], axis=0)
     figure = figures.energy(

@@ -1,4 +1,4 @@
-"""The true runs: how they ended, and what they look like."""
+"""The model runs: how they ended, and their responses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 
 
 def _how_they_ended(runs: Runs) -> Rows:
-    """How the runs of a campaign ended, what they cost, and why some failed."""
+    """Statuses of a campaign's runs, their cost, and reasons of failures."""
     rows = [[status.words, f"{count}", ""] for status, count in runs.counts.items() if count]
     seconds = runs.seconds[np.isfinite(runs.seconds) & (runs.seconds > 0)]
     if seconds.size:

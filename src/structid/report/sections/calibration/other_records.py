@@ -1,4 +1,4 @@
-"""Predictions for records that were not measured."""
+"""Predictions for unmeasured records."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ def _band(other: PredictedRecord, number_of_it: int, column: int) -> Picture:
     truth, held = other.truth, other.inside(column)
     reference = None if truth is None else ("truth of the virtual experiment", truth[:, column])
     figure = other.band.draw(column, draws.units[channel].display, reference)
-    said = (
+    sentence = (
         ""
         if held is None
         else f" The outer band holds {100 * held:.0f} % of what the structure of the virtual experiment does."
     )
-    return Picture(name, f"Predicted {channel} for {other.name}.{said}", figure)
+    return Picture(name, f"Predicted {channel} for {other.name}.{sentence}", figure)
 
 
 SECTION = Section(

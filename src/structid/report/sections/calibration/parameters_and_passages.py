@@ -1,4 +1,4 @@
-"""The box of parameters: who passes which limits and when, with what probability, and what peaks depend on."""
+"""The box of parameters: passages of limits, their probability, and what peaks depend on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 from structid.report.tables import in_display_unit
 
 POOR = 0.1
-"""Share of the variance that an expansion leaves out, from which its indices are doubted."""
+"""Residual fraction of the variance of an expansion above which its indices are doubtful."""
 
 
 def _limit(study: ParameterStudy, number: int) -> str:
@@ -26,7 +26,7 @@ def _limit(study: ParameterStudy, number: int) -> str:
 
 
 def _above(study: ParameterStudy) -> str:
-    """The part of the box that is looked at by itself, in words."""
+    """The part of the box examined separately, in words."""
     units = study.runs.design.space.units
     return " and ".join(
         f"{pretty(n)} above {value / factor(units[n]):g} {pretty_unit(units[n])}".strip()
@@ -38,13 +38,13 @@ def _shares(study: ParameterStudy) -> Rows:
     heads = ["limit", "runs that pass", "share", "first", "median", "last [s]"]
     heads += ["in the part"] if study.above else []
     rows = []
-    for number, found in enumerate(study.passages):
-        share, error = found.share
-        times = found.time[found.passed]
+    for number, result in enumerate(study.passages):
+        share, error = result.share
+        times = result.time[result.passed]
         quantiles = [f"{q:.3f}" for q in np.quantile(times, [0.0, 0.5, 1.0])] if len(times) else ["–"] * 3
-        row = [_limit(study, number), f"{found.passed.sum()}", f"{share:.1%} ± {error:.1%}", *quantiles]
+        row = [_limit(study, number), f"{result.passed.sum()}", f"{share:.1%} ± {error:.1%}", *quantiles]
         if study.above:
-            part = found[study.inside]
+            part = result[study.inside]
             row.append(f"{part.passed.sum()} of {len(part)}" if len(part) else "no run there")
         rows.append(row)
     return heads, rows
@@ -54,7 +54,7 @@ def _concordances(study: ParameterStudy) -> Rows:
     heads = ["parameter or coordinate", *(_limit(study, i) for i in range(len(study.passages)))]
     values = study.columns
     return heads, [
-        [pretty(name), *(_share(found.concordance(values[name])) for found in study.passages)] for name in values
+        [pretty(name), *(_share(result.concordance(values[name])) for result in study.passages)] for name in values
     ]
 
 
@@ -65,14 +65,14 @@ def _share(value: float) -> str:
 def _probabilities(study: ParameterStudy) -> Rows:
     heads = ["limit", "degree", "right side of one half", "without looking", "log loss", "without looking"]
     rows = []
-    for number, found in enumerate(study.probabilities):
-        if found is None:
+    for number, result in enumerate(study.probabilities):
+        if result is None:
             rows.append([_limit(study, number), "–", "too few passed or too few did not", "", "", ""])
         else:
             rows.append(
                 [
-                    _limit(study, number), f"{found.degree}", f"{found.accuracy:.1%}", f"{found.base_accuracy:.1%}",
-                    f"{found.log_loss:.3f}", f"{found.base_log_loss:.3f}",
+                    _limit(study, number), f"{result.degree}", f"{result.accuracy:.1%}", f"{result.base_accuracy:.1%}",
+                    f"{result.log_loss:.3f}", f"{result.base_log_loss:.3f}",
                 ]
             )  # fmt: skip
     return heads, rows
@@ -80,23 +80,23 @@ def _probabilities(study: ParameterStudy) -> Rows:
 
 def _indices(study: ParameterStudy) -> Rows:
     heads = ["parameter or coordinate"]
-    for channel, found in study.sensitivities.items():
-        heads += [f"{pretty(channel)}: first", f"total ({found.left_out:.1%} left out)"]
+    for channel, result in study.sensitivities.items():
+        heads += [f"{pretty(channel)}: first", f"total ({result.left_out:.1%} left out)"]
     found_all = list(study.sensitivities.values())
     rows = []
     for i, name in enumerate(found_all[0].names):
         row = [pretty(name)]
-        for found in found_all:
+        for result in found_all:
             row += [
-                f"{max(found.first[i], 0.0):.3f} ± {found.first_error[i]:.3f}",
-                f"{max(found.total[i], 0.0):.3f} ± {found.total_error[i]:.3f}",
+                f"{max(result.first[i], 0.0):.3f} ± {result.first_error[i]:.3f}",
+                f"{max(result.total[i], 0.0):.3f} ± {result.total_error[i]:.3f}",
             ]  # fmt: skip
         rows.append(row)
     if found_all[0].coordinates != found_all[0].names:
         for i, name in enumerate(found_all[0].coordinates):
             row = [pretty(name)]
-            for found in found_all:
-                row += [f"{found.alone[i]:.3f}", ""]
+            for result in found_all:
+                row += [f"{result.alone[i]:.3f}", ""]
             rows.append(row)
     return heads, rows
 
@@ -137,7 +137,7 @@ def _words(material: RunsMaterial) -> list[str]:
             "it explains alone; coordinates that share a parameter depend on one another, and these shares may add up to more "
             "than 1."
         )
-    poor = [pretty(channel) for channel, found in study.sensitivities.items() if found.left_out > POOR]
+    poor = [pretty(channel) for channel, result in study.sensitivities.items() if result.left_out > POOR]
     if poor:
         words.append(
             f"The expansion of {' and of '.join(poor)} leaves out more than {POOR:.0%} of the variance: its indices are those of "
@@ -147,7 +147,7 @@ def _words(material: RunsMaterial) -> list[str]:
 
 
 def _early(fell: int, ended: int) -> str:
-    """How many runs did not reach the end of their record."""
+    """Number of runs that did not reach the end of their record."""
     if not fell + ended:
         return "All of them reached the end of the record."
     return (
@@ -160,26 +160,26 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
     study = material.parameter_study
     if study is None:
         return []
-    found: list[Drawing] = [functools.partial(_distributions, study)]
+    result: list[Drawing] = [functools.partial(_distributions, study)]
     for number, passages in enumerate(study.passages):
         if not passages.passed.any():
             continue
-        found.append(functools.partial(_times, study, number, False))
+        result.append(functools.partial(_times, study, number, False))
         if study.above:
-            found.append(functools.partial(_times, study, number, True))
+            result.append(functools.partial(_times, study, number, True))
         if study.runs.design.space.dimension > 1:
-            found.append(functools.partial(_pairs, study, number))
+            result.append(functools.partial(_pairs, study, number))
         probability = study.probabilities[number]
         if probability is not None and len(study.leading_pair(number)) == 2:
-            found.append(functools.partial(_map, study, number, probability))
+            result.append(functools.partial(_map, study, number, probability))
     if study.sensitivities:
-        found.append(functools.partial(_bars, study))
-    return found
+        result.append(functools.partial(_bars, study))
+    return result
 
 
 def _distributions(study: ParameterStudy) -> Picture:
-    time = np.linspace(0.0, max(found.followed.max() for found in study.passages), 600)
-    curves = [(_limit(study, i), *found.distribution(time)) for i, found in enumerate(study.passages)]
+    time = np.linspace(0.0, max(result.followed.max() for result in study.passages), 600)
+    curves = [(_limit(study, i), *result.distribution(time)) for i, result in enumerate(study.passages)]
     figure = figures.distributions(time, curves)
     return Picture(
         "passages_in_time", "Share of the runs that have passed, by the product-limit estimate, ± 2 errors.", figure
@@ -187,12 +187,12 @@ def _distributions(study: ParameterStudy) -> Picture:
 
 
 def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
-    found, space = study.passages[number], study.runs.design.space
-    rows = study.inside if filtered else np.ones(len(found), dtype=bool)
-    points = np.asarray(found.design.values)[rows] / space.factors
+    result, space = study.passages[number], study.runs.design.space
+    rows = study.inside if filtered else np.ones(len(result), dtype=bool)
+    points = np.asarray(result.design.values)[rows] / space.factors
     units = tuple(space.units.values())
     name = f"passages_{number + 1}_times{'_of_a_part' if filtered else ''}"
-    figure = figures.times(points, space.names, units, found.time[rows], float(found.followed.max()))
+    figure = figures.times(points, space.names, units, result.time[rows], float(result.followed.max()))
     which = f" of the runs with {_above(study)}" if filtered else ""
     caption = (
         f"First passage of {_limit(study, number)}{which} against each parameter. Runs without one are above the line."
@@ -201,15 +201,15 @@ def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
 
 
 def _pairs(study: ParameterStudy, number: int) -> Picture:
-    found, space = study.passages[number], study.runs.design.space
-    points, name = np.asarray(found.design.values) / space.factors, f"passages_{number + 1}_pairs"
-    figure = figures.pairs(points, space.names, tuple(space.units.values()), found.time)
+    result, space = study.passages[number], study.runs.design.space
+    points, name = np.asarray(result.design.values) / space.factors, f"passages_{number + 1}_pairs"
+    figure = figures.pairs(points, space.names, tuple(space.units.values()), result.time)
     return Picture(name, f"First passage of {_limit(study, number)} over pairs of parameters.", figure)
 
 
 def _map(study: ParameterStudy, number: int, probability: PassageProbability) -> Picture:
-    found, space = study.passages[number], study.runs.design.space
-    names, points = coordinate_names(space), coordinates_of(space, found.design.values)
+    result, space = study.passages[number], study.runs.design.space
+    names, points = coordinate_names(space), coordinates_of(space, result.design.values)
     first, second = study.leading_pair(number)
     middle = np.median(points, axis=0)
     scale = np.ones(len(names)) if space.coordinates else space.factors
@@ -223,7 +223,7 @@ def _map(study: ParameterStudy, number: int, probability: PassageProbability) ->
     name = f"passages_{number + 1}_probability"
     figure = figures.probability_map(
         points[:, [first, second]] / scale[[first, second]], [names[first], names[second]],
-        [units[first], units[second]], found.passed,
+        [units[first], units[second]], result.passed,
         probability.at_coordinates(points), at,
     )  # fmt: skip
     caption = (
@@ -246,4 +246,4 @@ def _bars(study: ParameterStudy) -> Picture:
 SECTION = Section(
     "parameters-and-passages", "Parameters and first passages", _drawings, _tables, _words, of_draws=False
 )
-"""What runs over the priors tell, whatever was measured."""
+"""Results of runs over the priors, independent of any measurement."""

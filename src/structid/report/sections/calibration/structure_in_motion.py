@@ -1,4 +1,4 @@
-"""The structure in motion: pictures that the model draws of itself, with the parameters that come nearest to the data."""
+"""The structure in motion: pictures drawn by the model, at the parameters closest to the data."""
 
 from __future__ import annotations
 
@@ -21,4 +21,4 @@ def _drawn(picture: ModelPicture) -> Picture:
 
 
 SECTION = Section("structure-in-motion", "The structure in motion", _drawings, nothing, under_doubt=NEAREST)
-"""With the parameters of the MAP estimate, on the first measured record."""
+"""At the MAP estimate, on the first measured record."""

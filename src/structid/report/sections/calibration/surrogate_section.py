@@ -1,4 +1,4 @@
-"""The surrogate: what it is, and how its validation went."""
+"""The surrogate: its settings and its validation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _validation(surrogate: Surrogate) -> Rows:
 
 
 def _what_it_is(surrogate: Surrogate) -> Rows:
-    """What a surrogate is and what it was fitted to."""
+    """Settings of a surrogate and the runs it was fitted to."""
     fit = surrogate.fitted
     # Of a calibration, a certificate speaks for it where its posterior is.
     over = "over all its runs, also far from the posterior" if surrogate.trusted else "estimated while fitting"
@@ -46,15 +46,15 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
         ["fitted to", f"{fit.runs} runs, {fit.left_out} others left out, in {fit.seconds:.1f} s"],
         [f"mean error {over}", f"{fit.error:.2g}"],
     ]
-    judged = "estimated while fitting"
+    source = "estimated while fitting"
     if surrogate.validation is not None:
-        validation, judged = surrogate.validation, "on the validation runs"
+        validation, source = surrogate.validation, "on the validation runs"
         rows += [
             ["mean error on the validation runs", f"{validation.mean:.2g}"],
             ["validation runs outside its range", f"{validation.outside} of {len(validation.errors)}"],
         ]
     if not surrogate.trusted:
-        rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({judged})"])
+        rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({source})"])
     rows += [[name, value] for name, value in surrogate.structure_in_words]
     shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
     rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]

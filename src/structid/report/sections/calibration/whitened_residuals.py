@@ -1,4 +1,4 @@
-"""What the best prediction leaves, whitened by the law of the discrepancy."""
+"""Residuals of the best prediction, whitened by the error model."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
 
 
 def _judged(residual: WhitenedResidual) -> str:
-    """What the residual says of the law, in a sentence."""
+    """What the residual implies for the error model, in a sentence."""
     if residual.correlated:
         return "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
     frequency, power = residual.peak

@@ -1,4 +1,4 @@
-"""Section of a comparison: the parameters of every class side by side."""
+"""Section of a comparison: the parameters of every class."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from structid.report.section import Section, Table, nothing
 def _tables(material: ComparisonMaterial) -> list[Table]:
     learnt = [{p.name: p for p in learnt_parameters(one.material)} for one in material.classes]
     every = {name: p for of_one in learnt for name, p in of_one.items()}
-    known = any(p.truth is not None for p in every.values())
-    heads = ["parameter", *material.names, *(["truth"] if known else [])]
+    has_truth = any(p.truth is not None for p in every.values())
+    heads = ["parameter", *material.names, *(["truth"] if has_truth else [])]
     rows = [
-        [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([p.true_value] if known else [])]
+        [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([p.true_value] if has_truth else [])]
         for name, p in every.items()
     ]
     return [Table("Mean, and 90 % interval", (heads, rows))]

@@ -1,4 +1,4 @@
-"""Section of a comparison: what every class predicts of records that were not measured."""
+"""Section of a comparison: predictions of unmeasured records by every class."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ TRUTH = "truth of the virtual experiment"
 
 
 def _together(material: ComparisonMaterial) -> list[tuple[PredictedRecord, ...]]:
-    """Predictions of the same record by every class; those whose record and channels all of them have, in the first one's order."""
+    """Predictions of the same record by every class, for records and channels that all of them have, in the first one's order."""
     each = [{(p.name, p.channels): p for p in predicted_records(one.material)} for one in material.classes]
     return [tuple(of_one[what] for of_one in each) for what in each[0] if all(what in of_one for of_one in each)]
 
 
 def _tables(material: ComparisonMaterial) -> list[Table]:
-    rows, known = [], False
+    rows, has_truth = [], False
     for together in _together(material):
         for name, predicted in zip(material.names, together, strict=True):
             for column, peak in enumerate(predicted.peaks()):
                 held = predicted.inside(column)
-                known = known or held is not None
+                has_truth = has_truth or held is not None
                 cells = [*peak.cells, *([] if held is None else [f"{100 * held:.0f} %"])]
                 rows.append([predicted.name, name, label(peak.channel, pretty_unit(peak.unit)), *cells])
     heads = [
@@ -38,13 +38,13 @@ def _tables(material: ComparisonMaterial) -> list[Table]:
         "5 %",
         "median",
         "95 %",
-        *(["truth", "of the truth inside"] if known else []),
+        *(["truth", "of the truth inside"] if has_truth else []),
     ]
     return (
         [
             Table(
                 "Peak response, and how much of the true history the outer 90 % band holds"
-                if known
+                if has_truth
                 else "Peak response",
                 (heads, rows),
             )

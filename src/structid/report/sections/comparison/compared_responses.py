@@ -1,4 +1,4 @@
-"""Section of a comparison: what every class makes of the measurement."""
+"""Section of a comparison: the response to the measured record by every class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Section of a programme: how well the actuators followed."""
+"""Section of a programme: tracking of the actuators."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from structid.report.tables import number
 def _tables(material: ProgrammeMaterial) -> list[Table]:
     rows = []
     for name, test in material.begun.items():
-        for channel, found in test.tracking.items():
-            index = found.index
+        for channel, result in test.tracking.items():
+            index = result.index
             rows.append(
                 [
-                    name, channel, f"{100.0 * found.error:.3g}",
+                    name, channel, f"{100.0 * result.error:.3g}",
                     "–" if index is None else f"{index.amplitude:.4f}",
                     "–" if index is None else f"{1e3 * index.delay:.3g}",
-                    number(float(found.energy[-1])),
+                    number(float(result.energy[-1])),
                 ]
             )  # fmt: skip
     heads = ["test", "channel", "error [% of RMS]", "amplitude", "delay in simulated time [ms]", "energy error [J]"]
@@ -30,14 +30,14 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
 
 def _draw(material: ProgrammeMaterial) -> Picture:
     name, test = list(material.begun.items())[-1]
-    told = test.description.channels[0]
-    unit, by, _, _ = DISPLAYED[told.unit]
-    found, moves = test.tracking[told.name], test.moves
-    plane = (told.name, by * moves.target[:, 0], by * moves.measured[:, 0])
-    drawn = figure.tracking(plane, moves.time, by**2 * found.indicator, found.energy, unit)
+    channel = test.description.channels[0]
+    unit, by, _, _ = DISPLAYED[channel.unit]
+    result, moves = test.tracking[channel.name], test.moves
+    plane = (channel.name, by * moves.target[:, 0], by * moves.measured[:, 0])
+    drawn = figure.tracking(plane, moves.time, by**2 * result.indicator, result.energy, unit)
     return Picture(
         "tracking",
-        f"How {told.name} followed in test {name}: where it was over where it should be, and what grew of it.",
+        f"How {channel.name} followed in test {name}: where it was over where it should be, and what grew of it.",
         drawn,
     )
 

@@ -1,4 +1,4 @@
-"""Section of a programme: how the structure moved."""
+"""Section of a programme: the motion of the structure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from structid.report.material.programme_material import ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, Table
 
 SHOWN = 3
-"""Degrees of freedom at most."""
+"""Largest number of degrees of freedom shown."""
 
 
 def _draw(material: ProgrammeMaterial) -> Picture:

@@ -1,4 +1,4 @@
-"""Section of a programme: what a test has taught of the specimen, and what that says of a later one."""
+"""Section of a programme: what was learnt of the specimen from a test, and the prediction of a later one."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ def _words(material: ProgrammeMaterial) -> list[str]:
         if calibration is None
         else "A surrogate stood in for the model."
     )
-    said = [
+    sentences = [
         f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
         f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how}",
         *([] if calibration is None else _lines(str(calibration.certificate))),
         *_lines(str(verdict)),
     ]
     if learnt.prediction is not None:
-        said += learnt.prediction.sentences
-    return said
+        sentences += learnt.prediction.sentences
+    return sentences
 
 
 def _lines(text: str) -> list[str]:
-    """A paragraph for each line, without the marks of a list."""
+    """A paragraph for each line, without list markers."""
     return [line.strip().removeprefix("- ").removeprefix("! ") for line in text.splitlines()]
 
 
@@ -51,8 +51,8 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
         c = {key: float(column[i]) for key, column in summary.columns.items()}
         shown = [number(c[key], c["sd"]) for key in ("mean", "q05", "q95")]
         truth = material.true_values.get(name)
-        known = [] if not material.true_values else ["–" if truth is None else number(truth / factors[name], c["sd"])]
-        rows.append([label(pretty(name), pretty_unit(unit)), shown[0], f"{c['sd']:.2g}", *shown[1:], *known])
+        truths = [] if not material.true_values else ["–" if truth is None else number(truth / factors[name], c["sd"])]
+        rows.append([label(pretty(name), pretty_unit(unit)), shown[0], f"{c['sd']:.2g}", *shown[1:], *truths])
     heads = ["parameter", "mean", "sd", "5 %", "95 %", *(["specimen"] if material.true_values else [])]
     return [Table("Posterior", (heads, rows))]
 
@@ -68,13 +68,15 @@ def _loops(learnt: Learnt) -> Picture:
 
 
 def _prediction(learnt: Learnt) -> Picture:
-    seen = learnt.prediction
-    assert seen is not None
-    low, high = (1e3 * edge for edge in np.quantile(seen.drifts, BAND, axis=0))
-    happened = ("drift", seen.time[: len(seen.happened)], 1e3 * seen.happened)
-    drawn = figure.predicted_test(seen.time, (low, high), happened, 1e3 * seen.peaks, 1e3 * seen.peak, "mm")
-    said = f"Test {seen.name}: what was predicted from test {learnt.from_test}, and what happened."
-    return Picture("predicted_test", said, drawn)
+    prediction = learnt.prediction
+    assert prediction is not None
+    low, high = (1e3 * edge for edge in np.quantile(prediction.drifts, BAND, axis=0))
+    happened = ("drift", prediction.time[: len(prediction.happened)], 1e3 * prediction.happened)
+    drawn = figure.predicted_test(
+        prediction.time, (low, high), happened, 1e3 * prediction.peaks, 1e3 * prediction.peak, "mm"
+    )
+    caption = f"Test {prediction.name}: what was predicted from test {learnt.from_test}, and what happened."
+    return Picture("predicted_test", caption, drawn)
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:

@@ -1,4 +1,4 @@
-"""Section of a programme: what a filter believed of the specimen while the tests ran."""
+"""Section of a programme: the filter's estimates of the specimen during the tests."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from structid.report.section import Drawing, Picture, Section, Table
 from structid.report.tables import number
 
 IN_DOUBT = 3.0
-"""Standard deviations of the filter by which it is off, from which it is called overconfident."""
+"""Error of the filter in its own standard deviations above which it is called overconfident."""
 SIGMAS = 2.0 * BAND
-"""Standard deviations in a band of 95 %."""
+"""Standard deviations of a 95 % band."""
 
 
 def _followed(material: ProgrammeMaterial) -> bool:
@@ -27,21 +27,21 @@ def _followed(material: ProgrammeMaterial) -> bool:
 def _words(material: ProgrammeMaterial) -> list[str]:
     if not _followed(material):
         return []
-    said = [
+    sentences = [
         "A filter followed the parameters move by move. It takes the law for true, its state for normal and the noise of every "
         "force for independent. It is a help while a test runs, and no posterior."
     ]
     off = [row[0] for row in _beside(material) if row[-1] == "overconfident"]
     if off:
-        said.append(
+        sentences.append(
             f"It is overconfident in {', '.join(off)}: by its own standard deviation it is {IN_DOUBT:g} or more of them away from "
             "the posterior of the same tests."
         )
-    return said
+    return sentences
 
 
 def _beside(material: ProgrammeMaterial) -> list[list[str]]:
-    """The filter at the end of the test that was learnt from, beside the posterior."""
+    """The filter's estimate at the end of the test used for learning, next to the posterior."""
     learnt = material.learnt
     if learnt is None or (online := material.programme.tests[learnt.from_test].online) is None:
         return []
@@ -50,14 +50,16 @@ def _beside(material: ProgrammeMaterial) -> list[list[str]]:
     for k, name in enumerate(online.names):
         if name not in summary.names:
             continue
-        place = list(summary.names).index(name)
-        unit, by = summary.units[place], factor(summary.units[place])
+        index = list(summary.names).index(name)
+        unit, by = summary.units[index], factor(summary.units[index])
         mean, sd = online.mean[-1, k] / by, (online.high - online.low)[-1, k] / SIGMAS / by
-        whole, own = (float(summary.columns[c][place]) for c in ("mean", "sd"))
+        whole, whole_sd = (float(summary.columns[c][index]) for c in ("mean", "sd"))
         far = abs(mean - whole) / sd if sd > 0.0 else np.inf
         verdict = "overconfident" if far >= IN_DOUBT else ""
         heads = label(pretty(name), pretty_unit(unit))
-        rows.append([heads, number(mean, sd), f"{sd:.2g}", number(whole, own), f"{own:.2g}", f"{far:.1f}", verdict])
+        rows.append(
+            [heads, number(mean, sd), f"{sd:.2g}", number(whole, whole_sd), f"{whole_sd:.2g}", f"{far:.1f}", verdict]
+        )
     return rows
 
 
@@ -74,19 +76,20 @@ def _draw(material: ProgrammeMaterial) -> Picture:
     paths = list(tests.values())
     names = paths[0].names
     lengths = np.cumsum([0, *(len(path.mean) for path in paths)])
-    known = material.learnt.result.summary() if material.learnt is not None else None
+    summary = material.learnt.result.summary() if material.learnt is not None else None
     units = [
-        dict(zip(known.names, known.units, strict=True)).get(name, "") if known is not None else "" for name in names
+        dict(zip(summary.names, summary.units, strict=True)).get(name, "") if summary is not None else ""
+        for name in names
     ]
     by = np.array([factor(unit) for unit in units])
-    joined = [np.concatenate([getattr(path, part) for path in paths]) / by for part in ("mean", "low", "high")]
+    path_values = [np.concatenate([getattr(path, part) for path in paths]) / by for part in ("mean", "low", "high")]
     posterior = {}
-    if known is not None:
-        for place, name in enumerate(known.names):
-            mean, sd = float(known.columns["mean"][place]), float(known.columns["sd"][place])
+    if summary is not None:
+        for index, name in enumerate(summary.names):
+            mean, sd = float(summary.columns["mean"][index]), float(summary.columns["sd"][index])
             posterior[name] = (mean - SIGMAS / 2.0 * sd, mean + SIGMAS / 2.0 * sd)
     starts = [(name, int(first)) for name, first in zip(tests, lengths, strict=False)]
-    drawn = figure.filtered_path(names, units, starts, (joined[0], joined[1], joined[2]), posterior)
+    drawn = figure.filtered_path(names, units, starts, (path_values[0], path_values[1], path_values[2]), posterior)
     return Picture(
         "filtered_path", "What the filter believed, and the posterior; grey lines: where a test begins.", drawn
     )

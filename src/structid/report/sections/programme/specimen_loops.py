@@ -13,17 +13,17 @@ DISPLAYED = {"m": ("mm", 1e3, "kN", 1e-3), "rad": ("mrad", 1e3, "kN m", 1e-3)}
 
 
 def _draw(material: ProgrammeMaterial, channel: int) -> Picture:
-    told = material.first.description.channels[channel]
-    unit, by, force_unit, force_by = DISPLAYED[told.unit]
+    described = material.first.description.channels[channel]
+    unit, by, force_unit, force_by = DISPLAYED[described.unit]
     curves = [
         (name, by * (test.datum[channel] + test.moves.measured[:, channel]), force_by * test.moves.force[:, channel])
         for name, test in material.begun.items()
     ]
-    name = f"loops_{told.name}"
+    name = f"loops_{described.name}"
     return Picture(
         name,
-        f"Force against measured {told.name}, from the first zero of the specimen; grey: the tests before.",
-        figure.loops_of_tests(curves, (told.name, "force"), (unit, force_unit)),
+        f"Force against measured {described.name}, from the first zero of the specimen; grey: the tests before.",
+        figure.loops_of_tests(curves, (described.name, "force"), (unit, force_unit)),
     )
 
 

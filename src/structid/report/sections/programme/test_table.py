@@ -1,4 +1,4 @@
-"""Section of a programme: its tests in numbers, and what happened in them."""
+"""Section of a programme: its tests in numbers, and their events."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     described = test.description
     kind = "A program stood in the laboratory's place." if described.simulated else "The specimen was a structure."
     channels = ", ".join(f"{c.name} [{c.unit}], {1e3 * c.delay:g} ms late" for c in described.channels)
-    known = [f"{name}: {w}" for name, t in material.programme.tests.items() for w in t.feasibility.warnings]
-    return [f"Specimen: {described.name}. {kind} Channels: {channels}.", *dict.fromkeys(known)]
+    warnings = [f"{name}: {w}" for name, t in material.programme.tests.items() for w in t.feasibility.warnings]
+    return [f"Specimen: {described.name}. {kind} Channels: {channels}.", *dict.fromkeys(warnings)]
 
 
 SECTION: Section[ProgrammeMaterial] = Section("tests", "Tests", nothing, _tables, _words)

@@ -65,7 +65,7 @@ def prony_terms(
 def hysteretic_terms(
     outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",), integrations: Sequence[int] | None = None
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
-    """Return terms with a hysteretic memory, for an oscillator with a hysteretic spring of any law.
+    """Return terms with a hysteretic memory, for an oscillator with any hysteretic spring.
 
     Each output is integrated until it is a displacement u, which drives a hysteresis z. The products with |u'| and |z| account
     for what happens within a step.
@@ -92,7 +92,7 @@ def hysteretic_terms(
 def displacement_driven_terms(
     outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",)
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
-    """Return terms of a hysteretic spring whose displacement is imposed: the input drives the hysteresis."""
+    """Return terms of a hysteretic spring under imposed displacement: the input drives the hysteresis."""
     terms: list[str] = []
     memories: list[str] = []
     for number, x in enumerate(inputs, 1):
@@ -108,5 +108,5 @@ def displacement_driven_terms(
 
 
 def _past(signal: str, first: int, last: int) -> list[str]:
-    """The signal at lags from the first to the last."""
+    """The signal at a range of lags."""
     return [f"{signal}(t-{k})" if k else f"{signal}(t)" for k in range(first, last + 1)]

@@ -1,4 +1,4 @@
-"""Runs as a NARX sees them: arrays of inputs and outputs in SI, and the names of these signals."""
+"""Runs as data of a NARX: arrays of inputs and outputs in SI, and the names of these signals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structid.ground_motion.excitation import Excitation
 class Signals:
     """Names of the inputs and outputs of a NARX."""
 
-    inputs: tuple[str, ...]  # Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several
+    inputs: tuple[str, ...]  # names of the inputs in terms: ``x``, or ``x1``, ``x2``, …
     channels: tuple[str, ...]  # Channels of the outputs
     kind: str = ""  # Kind of the excitations
 
@@ -30,7 +30,7 @@ class Signals:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several."""
+        """Names of the outputs in terms: ``y``, or numbered ``y1``, ``y2`` if there are several."""
         return _names("y", len(self.channels))
 
 
@@ -41,11 +41,11 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Runs as a NARX uses them."""
+    """Runs as data of a NARX."""
 
-    x: Float[np.ndarray, "run time input"]  # Inputs in SI; zero beyond the end of a shorter record
-    y: Float[np.ndarray, "run time output"]  # Outputs in SI; zero beyond the end of a shorter record
-    counted: Bool[np.ndarray, "run time"]  # True for the samples that count: those of the record after the washout
+    x: Float[np.ndarray, "run time input"]  # inputs in SI; zero after the end of a shorter record
+    y: Float[np.ndarray, "run time output"]  # outputs in SI; zero after the end of a shorter record
+    counted: Bool[np.ndarray, "run time"]  # True for samples that count: those after the washout
     dt: float  # Time step [s]
     signals: Signals  # Names of the signals
 
@@ -71,5 +71,5 @@ class Experiments:
 
 
 def input_signals(stages: Float[Array, "time 1 3 *motion"]) -> Float[Array, "time input"]:
-    """Return the samples of an excitation, with its lead-in, from the stages of an integration with one step for each sample."""
+    """Return the samples of an excitation, including its lead-in, from integration stages with one step per sample."""
     return stages[:, 0, 0].reshape(stages.shape[0], -1)

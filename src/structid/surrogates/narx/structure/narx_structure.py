@@ -1,4 +1,4 @@
-"""The structure of a NARX: the terms of each output, the memories they use, and the scales of all signals."""
+"""The structure of a NARX: terms of each output, their memories, and the scales of all signals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def default_structure(signals: Signals) -> tuple[tuple[tuple[Term, ...], ...], t
 
 
 def _integrations(channel: str) -> int:
-    """Number of integrations that make a channel a displacement, judged by its name."""
+    """Number of integrations that turn a channel into a displacement, by its name."""
     name = base_channel(channel)
     return 2 if "accel" in name else 1 if "veloc" in name else 0
 

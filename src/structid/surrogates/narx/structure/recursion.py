@@ -1,4 +1,4 @@
-"""The recursion of a NARX model inside JAX: from inputs and coefficients to outputs, one step ahead or free-running.
+"""The recursion of a NARX inside JAX: from inputs and coefficients to outputs, one step ahead or free-running.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -23,7 +23,7 @@ State = dict[str, tuple[Any, ...]]
 """The values of every input, output and memory at t−1, t−2, …, each of shape (run,)."""
 
 UNROLLED = 8
-"""Steps of the recursion in one pass of the loop of XLA. The overhead of a pass is about the cost of a step of 50 runs."""
+"""Steps of the recursion per pass of XLA's loop. The overhead of a pass is about the cost of a step of 50 runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Recursion:
     """
 
     terms: tuple[tuple[Term, ...], ...]  # Terms of each output
-    memories: tuple[Memory, ...]  # Memories, each made from an input, an output or an earlier memory
+    memories: tuple[Memory, ...]  # memories, each derived from an input, an output or an earlier memory
     inputs: tuple[str, ...]  # Names of the signals
     outputs: tuple[str, ...]  # Names of the signals
     dt: float  # Time step [s]
@@ -63,7 +63,7 @@ class Recursion:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The term or shape parameter that each coefficient belongs to."""
+        """The term or shape parameter of each coefficient."""
         several = len(self.outputs) > 1
         linear = [
             f"{y}: {t}" if several else str(t) for y, of in zip(self.outputs, self.terms, strict=True) for t in of
@@ -74,20 +74,20 @@ class Recursion:
 
     def values(self, state: State, row: Float[Array, "_ ..."]) -> dict[tuple[str, int], Any]:
         """Collect every lagged signal at one time."""
-        known = {(name, 0): row[i] for i, name in enumerate(self.inputs)}
+        lagged = {(name, 0): row[i] for i, name in enumerate(self.inputs)}
         for signal, past in state.items():
-            known.update({(signal, k): value for k, value in enumerate(past, 1)})
-        return known
+            lagged.update({(signal, k): value for k, value in enumerate(past, 1)})
+        return lagged
 
     def outputs_of(
         self, coefficients: Float[Array, "coefficient run"], values: Mapping[tuple[str, int], Any], time: Any
     ) -> list[Any]:
         """Compute the outputs one step ahead."""
-        found, start = [], 0
+        outputs, start = [], 0
         for of_output in self.terms:
-            found.append(sum(coefficients[start + i] * t.evaluate(values, time) for i, t in enumerate(of_output)))
+            outputs.append(sum(coefficients[start + i] * t.evaluate(values, time) for i, t in enumerate(of_output)))
             start += len(of_output)
-        return found
+        return outputs
 
     def advance(
         self,
@@ -121,8 +121,8 @@ class Recursion:
         bound: float,
     ) -> State:
         """Simulate one step from the model's own past."""
-        found = self.outputs_of(coefficients, self.values(state, row), time)
-        return self.advance(coefficients, state, row, [_bounded(y, bound) for y in found])
+        outputs = self.outputs_of(coefficients, self.values(state, row), time)
+        return self.advance(coefficients, state, row, [_bounded(y, bound) for y in outputs])
 
     def _rate(self, memory: Memory) -> float:
         """Scaled increment of an integral for one step of its scaled signal."""
@@ -148,7 +148,7 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Give the loop that simulates from the past outputs of the model itself."""
+        """Loop that simulates from the model's own past outputs."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -166,14 +166,14 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Give the loop that starts again from the measured past at some samples."""
+        """Loop that restarts from the measured past at some samples."""
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
             (state, measured), (row, time, starts) = carried, at
-            seen = self.last(state)
+            outputs_seen = self.last(state)
             state = jax.tree.map(lambda free, known: jnp.where(starts > 0, known, free), state, measured)
             after = self.step(coefficients, state, row, time, bound)
-            return (after, self.advance(coefficients, measured, row, self.measured_outputs(row))), seen
+            return (after, self.advance(coefficients, measured, row, self.measured_outputs(row))), outputs_seen
 
         start = self._from_measured(coefficients[0], signals[0])
         times = self._times(signals)
@@ -183,7 +183,7 @@ class Recursion:
     def one_step_loop(
         self, coefficients: Float[Array, "coefficient run"], signals: Float[Array, "_ _ run"]
     ) -> TimeLoop:
-        """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them."""
+        """Loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -221,5 +221,5 @@ def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:
 
 
 def _bounded(value: Any, bound: float) -> Any:
-    """Keep a value within ± a bound; NaN becomes the bound. In XLA this takes a third of the time of a clip."""
+    """Clip a value to ± a bound; NaN becomes the bound. In XLA this takes a third of the time of a clip."""
     return jnp.where(value < bound, jnp.where(value > -bound, value, -bound), bound)

@@ -86,29 +86,29 @@ class Term:
             The value, in the shape of the signals.
         """
         function, names = self._parsed
-        known = {name: values[_lagged(name)] for name in names if "__" in name}
-        return function({**known, "t": time, "pi": 3.141592653589793})
+        lagged = {name: values[_lagged(name)] for name in names if "__" in name}
+        return function({**lagged, "t": time, "pi": 3.141592653589793})
 
     def __str__(self) -> str:
         return self.text
 
 
 def _without_bars(text: str, where: str) -> str:
-    """Write |…| as abs(…), also nested: a bar closes after the end of an operand, and opens where an operand is expected."""
-    found, open_bars, operand_ended = "", 0, False
+    """Replace |…| by abs(…), nested ones included: a bar closes after an operand, and opens where an operand is expected."""
+    result, open_bars, operand_ended = "", 0, False
     for letter in text:
         if letter == "|":
-            found += ")" if operand_ended else "abs("
+            result += ")" if operand_ended else "abs("
             open_bars += -1 if operand_ended else 1
         else:
-            found += letter
+            result += letter
             if not letter.isspace():
                 operand_ended = letter.isalnum() or letter in ")."
         if open_bars < 0:
             break
     if open_bars:
         raise InputError(where, f"'{text}'", "bars in pairs, |…|")
-    return found
+    return result
 
 
 def _lagged(name: str) -> Lagged:
@@ -179,13 +179,13 @@ class Memory:
 
 
 def as_terms(given: Iterable[Term | str] | Term | str) -> tuple[Term, ...]:
-    """Return terms; texts are read."""
+    """Return terms; strings are parsed."""
     listed = [given] if isinstance(given, (str, Term)) else given
     return tuple(dict.fromkeys(t if isinstance(t, Term) else Term(t) for t in listed))
 
 
 def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:
-    """Return memories; texts are read."""
+    """Return memories; strings are parsed."""
     return tuple(m if isinstance(m, Memory) else Memory.parse(m) for m in given)
 
 
@@ -193,17 +193,17 @@ def check_signals(
     terms: Sequence[Term], memories: Sequence[Memory], inputs: Sequence[str], outputs: Sequence[str]
 ) -> None:
     """Check that every signal of a structure exists, and that outputs and memories are used with a lag."""
-    known = [*inputs, *outputs]
+    names = [*inputs, *outputs]
     for memory in memories:
-        if memory.of not in known or memory.name in known:
-            wrong = memory.of if memory.of not in known else memory.name
-            raise InputError(f"memory '{memory}'", f"the signal '{wrong}'", ", ".join(known), suggestion(wrong, known))
-        known.append(memory.name)
+        if memory.of not in names or memory.name in names:
+            wrong = memory.of if memory.of not in names else memory.name
+            raise InputError(f"memory '{memory}'", f"the signal '{wrong}'", ", ".join(names), suggestion(wrong, names))
+        names.append(memory.name)
     for term in terms:
         for signal, lag in term.signals:
-            if signal not in known:
+            if signal not in names:
                 raise InputError(
-                    f"term '{term}'", f"the signal '{signal}'", ", ".join(known), suggestion(signal, known)
+                    f"term '{term}'", f"the signal '{signal}'", ", ".join(names), suggestion(signal, names)
                 )
             if signal not in inputs and lag < 1:
                 raise InputError(f"term '{term}'", f"{signal}(t)", f"{signal}(t-1) or earlier", "It is not known yet.")

@@ -1,4 +1,4 @@
-"""Compiled free runs of a NARX over a training set: errors, sensitivities, and the normal equations made of them.
+"""Compiled free runs of a NARX over a training set: errors, sensitivities, and their normal equations.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -58,26 +58,26 @@ class FreeRun:
         # A step with all its sensitivities is long; unrolled it would take XLA two to ten times as long to run and to compile.
         loop = with_sensitivities(lambda c: self._loop(c, signals, unroll=1), rows.T)
 
-        def sample(seen: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
-            outputs, sensitivities = seen
+        def sample(outputs_and_slopes: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+            outputs, sensitivities = outputs_and_slopes
             return sensitivities * row[-1], self._residual(outputs, row)
 
         shape = self.recursion.size, len(self.recursion.outputs)
-        found: tuple[Any, Any] = loop.folded(_products(rows, *shape), signals[:-1], sample)[0]
-        return found
+        sums: tuple[Any, Any] = loop.folded(_products(rows, *shape), signals[:-1], sample)[0]
+        return sums
 
     def _regression(self, rows: Any, signals: Any) -> list[tuple[Any, Any]]:
-        """ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output: its terms along the measured outputs take the place of J."""
+        """ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output, with the terms along the measured outputs in place of J."""
         recursion = self.recursion
         ends = np.cumsum([len(of_output) for of_output in recursion.terms])
         each = [_products(rows, len(of_output)) for of_output in recursion.terms]
-        own = [slice(end - len(of_output), end) for end, of_output in zip(ends, recursion.terms, strict=True)]
+        slices = [slice(end - len(of_output), end) for end, of_output in zip(ends, recursion.terms, strict=True)]
 
         def folded(sums: Any, at: tuple[Any, Any]) -> Any:
             terms, row = at
             counted = terms * row[-1]
-            parts = zip(each, own, recursion.measured_outputs(row), sums, strict=True)
-            return [fold.step(sum_, (counted[place], y)) for fold, place, y, sum_ in parts]
+            parts = zip(each, slices, recursion.measured_outputs(row), sums, strict=True)
+            return [fold.step(sum_, (counted[columns], y)) for fold, columns, y, sum_ in parts]
 
         all_outputs = Fold(
             [fold.start for fold in each],
@@ -85,8 +85,8 @@ class FreeRun:
             lambda sums: [fold.value(sum_) for fold, sum_ in zip(each, sums, strict=True)],
         )
         loop = recursion.one_step_loop(rows.T, signals)
-        found: list[tuple[Any, Any]] = loop.folded(all_outputs, signals[1:], lambda terms, row: (terms, row))[0]
-        return found
+        result: list[tuple[Any, Any]] = loop.folded(all_outputs, signals[1:], lambda terms, row: (terms, row))[0]
+        return result
 
     def outputs(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
@@ -98,8 +98,8 @@ class FreeRun:
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> Float[np.ndarray, "run output"]:
         """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65)."""
-        found = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
-        return np.minimum(np.where(np.isfinite(found), found, LARGEST_ERROR), LARGEST_ERROR)
+        errors = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
+        return np.minimum(np.where(np.isfinite(errors), errors, LARGEST_ERROR), LARGEST_ERROR)
 
     def normal_equations(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
@@ -116,9 +116,9 @@ class FreeRun:
         square, inner = np.zeros((len(shapes), outputs, size, size)), np.zeros((len(shapes), outputs, size))
         start = 0
         for index, (pairs, products) in enumerate(self._compiled_regression(shapes, signals=data.signals)):
-            own = slice(start, start + len(products))
-            square[:, index, own, own], inner[:, index, own] = _symmetric(pairs), products.T
-            start = own.stop
+            columns = slice(start, start + len(products))
+            square[:, index, columns, columns], inner[:, index, columns] = _symmetric(pairs), products.T
+            start = columns.stop
         return _relative(square, inner, data.spread)
 
 
@@ -142,14 +142,14 @@ def _symmetric(pairs: np.ndarray) -> np.ndarray:
     """Matrices (run, …, size, size) from their lower triangles, (pair, …, run)."""
     triangles = _runs_first(pairs)
     size = (math.isqrt(8 * len(pairs) + 1) - 1) // 2
-    found, (i, j) = np.empty((*triangles.shape[:-1], size, size)), np.tril_indices(size)
-    found[..., i, j] = found[..., j, i] = triangles
-    return found
+    matrices, (i, j) = np.empty((*triangles.shape[:-1], size, size)), np.tril_indices(size)
+    matrices[..., i, j] = matrices[..., j, i] = triangles
+    return matrices
 
 
-def _runs_first(found: np.ndarray) -> np.ndarray:
+def _runs_first(sums: np.ndarray) -> np.ndarray:
     """(run, …, number) from (number, …, run)."""
-    return np.moveaxis(found, (0, -1), (-1, 0))
+    return np.moveaxis(sums, (0, -1), (-1, 0))
 
 
 def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -121,10 +121,10 @@ def refined_coefficients(
         matrix = square * deviation[:, None] * deviation + np.eye(len(deviation))
         right = inner * deviation - (current - start) / deviation
         trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * deviation
-        found = runs.errors(trial, data).mean(axis=1)
-        better = found < errors
+        result = runs.errors(trial, data).mean(axis=1)
+        better = result < errors
         current = np.where(better[:, None], trial, current)
-        errors = np.where(better, found, errors)
+        errors = np.where(better, result, errors)
         if progress is not None:
             progress(step + 1, steps)
     return current

@@ -16,13 +16,13 @@ from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
 from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
 
 FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
-"""Values of the shape b of a hysteresis to try, relative to the size of its source signal; g starts from zero."""
+"""Initial values of the hysteresis shape b, relative to the size of its source signal; g starts from zero."""
 
 RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
 """Ridges of the joint regression to try."""
 
 TRIED_RUNS = 100
-"""Largest number of runs by which the first coefficients and sets of terms are judged."""
+"""Largest number of runs on which initial coefficients and sets of terms are compared."""
 
 
 def joint_solution(
@@ -55,7 +55,7 @@ def first_coefficients(
     ridges: Sequence[float] = RIDGES,
     progress: Progress | None = None,
 ) -> Float[np.ndarray, "coefficient feature"]:
-    """Fit A by joint one-step regression; free runs of some experiments choose the shapes of the hystereses and the ridge."""
+    """Fit A by joint one-step regression; free runs of some experiments choose the hysteresis shapes and the ridge."""
     recursion = runs.recursion
     tried = spread_rows(data.weights, TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
@@ -66,17 +66,17 @@ def first_coefficients(
         square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
         square, inner = square.sum(axis=1), inner.sum(axis=1)
         for ridge in ridges:
-            found = joint_solution(square, inner, features, data.weights, ridge)
-            found[recursion.linear_size :, 0] = vector[recursion.linear_size :]
-            loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
+            solution = joint_solution(square, inner, features, data.weights, ridge)
+            solution[recursion.linear_size :, 0] = vector[recursion.linear_size :]
+            loss = robust_loss(runs.errors(features[tried] @ solution.T, data[tried]), 1e-3)
             if loss < lowest:
-                best, lowest = found, loss
+                best, lowest = solution, loss
             step_done()
     return best
 
 
 def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " coefficient"]:
-    """Return a coefficient vector with nothing but shapes: b as given and g zero."""
+    """Return a coefficient vector of shapes only: b as given and g zero."""
     vector = np.zeros(recursion.size)
     vector[recursion.linear_size :: 2] = shape
     return vector
@@ -85,18 +85,18 @@ def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " c
 def per_experiment_solution(
     recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: Float[np.ndarray, " coefficient"]
 ) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the coefficients of every experiment on its own by ordinary least squares (thesis eq. 2.62)."""
-    found = np.tile(vector, (len(square), 1))
+    """Fit the coefficients of every experiment separately by ordinary least squares (thesis eq. 2.62)."""
+    coefficients = np.tile(vector, (len(square), 1))
     start = 0
     for output, terms in enumerate(recursion.terms):
-        own = slice(start, start + len(terms))
-        found[:, own] = batched_solution(square[:, output, own, own], inner[:, output, own])
+        columns = slice(start, start + len(terms))
+        coefficients[:, columns] = batched_solution(square[:, output, columns, columns], inner[:, output, columns])
         start += len(terms)
-    return found
+    return coefficients
 
 
 def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin."""
+    """Fit the coefficients of every experiment separately, one step ahead, with the initial shapes of its memories."""
     vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
     equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
     return per_experiment_solution(runs.recursion, *equations, vector)

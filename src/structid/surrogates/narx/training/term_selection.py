@@ -39,9 +39,11 @@ def select_terms(
     kept: list[tuple[Term, ...]] = []
     start = 0
     for output, terms in enumerate(recursion.terms):
-        own = slice(start, start + len(terms))
-        candidates = _proposed(square[:, output, own, own], inner[:, output, own], method, most or len(terms))
-        kept.append(_best_candidate(runs, some, output, own, candidates, square, inner, vector))
+        columns = slice(start, start + len(terms))
+        candidates = _proposed(
+            square[:, output, columns, columns], inner[:, output, columns], method, most or len(terms)
+        )
+        kept.append(_best_candidate(runs, some, output, columns, candidates, square, inner, vector))
         start += len(terms)
         if progress is not None:
             progress(output + 1, len(recursion.terms))
@@ -49,7 +51,7 @@ def select_terms(
 
 
 def _proposed(square: np.ndarray, inner: np.ndarray, method: str, most: int) -> list[tuple[int, ...]]:
-    """Sets of terms that the experiments propose, the most frequent first."""
+    """Sets of terms proposed by the experiments, most frequent first."""
     count: dict[tuple[int, ...], int] = {}
     for gram, covariance in zip(square, inner, strict=True):
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))

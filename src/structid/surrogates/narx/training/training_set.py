@@ -22,7 +22,7 @@ class TrainingSet:
 
     x: Float[np.ndarray, "run time input"]  # Inputs
     y: Float[np.ndarray, "run time output"]  # Outputs
-    counted: Bool[np.ndarray, "run time"]  # True for the samples that count: none beyond the end of a shorter record
+    counted: Bool[np.ndarray, "run time"]  # True for samples that count: none after the end of a shorter record
     weights: Float[np.ndarray, " run"]  # Weight of the error of each run
 
     def __len__(self) -> int:
@@ -32,7 +32,7 @@ class TrainingSet:
         return TrainingSet(self.x[rows], self.y[rows], self.counted[rows], self.weights[rows])
 
     def alike(self) -> TrainingSet:
-        """Give all runs the same weight."""
+        """Return the same data with equal weights."""
         return replace(self, weights=np.ones(len(self)))
 
     @cached_property
@@ -45,9 +45,9 @@ class TrainingSet:
 
     @cached_property
     def signals(self) -> Signals:
-        """All signals of a run beside each other, (time + 1, input and output and 1), as `Recursion.free_loop` takes them.
+        """All signals of a run in one array, (time + 1, input and output and 1), as `Recursion.free_loop` takes them.
 
-        The last column tells whether a sample counts. The last row, which does not, is for the step beyond the record.
+        The last column marks the samples that count. The last row, which does not count, is for the step beyond the record.
         """
         samples = np.concatenate([self.x, self.y, self.counted[:, :, None]], axis=2)
         beyond = samples[:, -1:].copy()
@@ -63,7 +63,7 @@ def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
 
 
 def spread_rows(weights: Float[np.ndarray, " row"], most: int) -> np.ndarray:
-    """Choose rows that are spread over all rows, more densely where the weights are larger."""
+    """Choose rows spread over all rows, more densely where the weights are larger."""
     if len(weights) <= most:
         return np.arange(len(weights))
     reached = np.cumsum(weights) / np.sum(weights)
