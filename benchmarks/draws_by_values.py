@@ -127,7 +127,7 @@ def random_walk(dimension: int, steps: int, scale: float) -> Sampler:
 
 
 def autoregressive(dimension: int, steps: int) -> Sampler:
-    """Of the normal law itself, 32 chains with the autocorrelation time τ = (1 + ρ)/(1 − ρ)."""
+    """Of the normal density itself, 32 chains with the autocorrelation time τ = (1 + ρ)/(1 − ρ)."""
 
     def chains(rng: np.random.Generator) -> np.ndarray:
         rho = (TAU - 1.0) / (TAU + 1.0)
@@ -148,7 +148,7 @@ def cases() -> dict[str, Drawn]:
     }
     for d in (1, 4, 10):
         whole = of_the_normal(d)
-        found[f"half of a normal law, d = {d}"] = Drawn(
+        found[f"half of a normal density, d = {d}"] = Drawn(
             normal, kept(whole, lambda x: x[:, 0] < 0.0), d, right="refused"
         )
         found[f"a tenth is missing, d = {d}"] = Drawn(normal, kept(whole, lambda x: x[:, 0] < 1.28), d, right="refused")

@@ -266,7 +266,7 @@ The first of them beside tempered SMC on the wall itself (limit 0.1 sd), {REFERE
 
 {common.markdown_table(BESIDE, beside)}
 
-A wrong model: the truth has damage and friction (μ = 0.7) or twice as many courses, the law of the errors is left to the data, and
+A wrong model: the truth has damage and friction (μ = 0.7) or twice as many courses, the error model is left to the data, and
 the peak of |u_x| in another record is predicted, 5 to 95 %. Inside: {covered} of {len(wrong)} (limit 8 of 10).
 
 {common.markdown_table(WRONG, wrong)}

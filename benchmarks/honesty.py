@@ -184,7 +184,7 @@ def wrong_model_rows(records: int, laws: dict[str, Any], structures: Sequence[st
         found["the chosen one"] = Found()
         for index in range(records):
             observation = measured(truth, index, motion_of(index))
-            choice = si.choose_law(space(), model, observation, list(laws.values()), seed=index)
+            choice = si.choose_error_model(space(), model, observation, list(laws.values()), seed=index)
             for law, result in zip(laws, choice.results, strict=True):
                 found[law].take(result, truth, motion_of(index + 1))
             found["the chosen one"].take_last_of(found[list(laws)[choice.chosen]])
@@ -210,7 +210,7 @@ def right_model_rows(replicas: int, laws: dict[str, Any]) -> list[list[str]]:
             rng, sd = np.random.default_rng(index), 0.05 * clean.std()
             law = si.IID(variance=sd**2) if right == "iid" else si.AR1(variance=sd**2, white=0.0, correlation_time=0.1)
             noise = law.draw(rng, (1, len(clean), 1), {}, ("velocity",), motion.dt)[0, :, 0]
-            choice = si.choose_law(
+            choice = si.choose_error_model(
                 space(), model, si.Observation(motion, clean + noise), list(laws.values()), seed=index
             )
             chosen.append(list(laws)[choice.chosen])
@@ -256,7 +256,7 @@ likelihood takes it for independent, they are not. ([figures](figures/sbc_3.png)
 
 {common.markdown_table(heads, ranks)}
 
-**Right models**: the oscillator measured for 15 s with noise of 5 %, {right} times each; which law `si.choose_law` takes.
+**Right models**: the oscillator measured for 15 s with noise of 5 %, {right} times each; which one `si.choose_error_model` takes.
 
 {common.markdown_table(right_heads, rightly)}
 

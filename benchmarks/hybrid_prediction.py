@@ -26,7 +26,7 @@ SPECIMENS = 10
 
 
 def virtual_specimen(number: int, law: str, quick: bool) -> ProgrammeFile:
-    """The packaged programme on another specimen, learnt with a law of the errors; a quick one has three tests and few runs."""
+    """The packaged programme on another specimen, learnt with an error model; a quick one has three tests and few runs."""
     content = tomllib.loads(template("hybrid"))
     space = parameter_space(programme_file().model_validate(content))
     truth = space.sample(SPECIMENS, seed=5).values[number]
@@ -65,7 +65,7 @@ def predicted(number: int, law: str, quick: bool = False) -> list[str]:
         ]  # fmt: skip
 
 
-HEADS = ["specimen", "law of the errors", "5–95 % [mm]", "happened [mm]", "", "verdict", "tests [s]", "learning [s]"]
+HEADS = ["specimen", "error model", "5–95 % [mm]", "happened [mm]", "", "verdict", "tests [s]", "learning [s]"]
 
 
 def main() -> None:
@@ -103,8 +103,8 @@ converged after 14 minutes beside other work (R-hat 1.002, 1 740 effective draws
 | tangential energy [N/m] | 130 | 130.6 | 1.6 |
 | tangential strength [MPa] | 0.270 | 0.2707 | 0.0017 |
 
-No surrogate stands between: these are draws of the model's own posterior, and need no certificate. The verdict doubts the law,
-and is right: what is left over is smaller than 0.5 kN, and correlated (0.60 from one move to the next). From it the largest
+These are draws of the model's own posterior, without a surrogate, and need no certificate. The verdict doubts the error
+model, and is right: what is left over is smaller than 0.5 kN, and correlated (0.60 from one move to the next). From it the largest
 drift of #5 is 21.7 to 39.9 mm (5 to 95 %); 30.1 mm happened.
 
 What it takes is an honest accuracy of the forces, `sd = ["0.5 kN", "0.5 kN", "0.8 kN*m"]` (1 % of their peaks). Which joint

@@ -37,7 +37,7 @@ class Outcome:
     runs, rounds : int
         True runs, and how many followed one another.
     log_density : callable or None
-        Of the draws' law, where the program knows it.
+        Of the draws' density, where the program knows it.
     known : tuple of ndarray or None
         Points at which it has run the model, and what it found.
     """

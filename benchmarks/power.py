@@ -15,7 +15,7 @@ import scipy
 from attacks import boxed
 
 import structid as si
-from structid.certification.certificate import judged
+from structid.certification.certificate import issue_certificate
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 
 NAME = "power"
@@ -82,7 +82,7 @@ def by_draws_alone(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
     of_law = POPULATION[:, :dimension]
     fresh = FreshDraws(theta, theta, log_drawn + log_ratio(theta), log_drawn, 1.0 / mixed, of_law, 0.0)
     names = tuple(f"x{i}" for i in range(dimension))
-    return judged(fresh, StoredRuns(), names, len(theta)).certified
+    return issue_certificate(fresh, StoredRuns(), names, len(theta)).certified
 
 
 def taught(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
@@ -121,9 +121,9 @@ def main() -> None:
 
 `benchmarks/power.py`. {common.machine()}.
 
-The draws come from q, a standard normal law, and the model has another one. First by the weights of 30 fresh draws alone, as in a
+The draws come from q, a standard normal density; the model has another one. First by the weights of 30 fresh draws alone, as in a
 calibration: {PLAIN} of q, {TEMPERED} of q^½. Then by `si.certify` with 4000 draws of q and its density, which searches for modes
-and, where the weights do not decide, learns from its runs what the true law is.
+and, where the weights do not decide, learns from its runs what the true density is.
 
 {common.markdown_table(HEADS, found)}
 """

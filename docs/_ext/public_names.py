@@ -26,7 +26,7 @@ TOPICS = {
     "runs": "Runs of a model",
     "histories": "Runs of a model",
     "surrogates": "Surrogates",
-    "inference": "Posterior, laws of the errors, samplers, checks",
+    "inference": "Posterior, error models, samplers, checks",
     "calibration": "Certified calibration",
     "reliability": "First passages and fragility",
     "optimize": "Deterministic calibration",

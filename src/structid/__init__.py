@@ -100,7 +100,7 @@ _PUBLIC = {
     "Weibull": "probability.marginals",
     "calibrate": "calibration.sequential",
     "certify": "certification.external.certify",
-    "choose_law": "inference.error_model_choice",
+    "choose_error_model": "inference.error_model_choice",
     "conformance": "hybrid.laboratory.conformance",
     "cut_frame": "hybrid.substructures.frame_parts",
     "facade_parts": "hybrid.substructures.facade_parts",
@@ -121,6 +121,9 @@ _PUBLIC = {
 }
 """Public names, and the modules they live in."""
 
+_RENAMED = {"choose_law": "choose_error_model"}
+"""Earlier public names, for one version."""
+
 _MODULES = ("optimize",)
 """Public modules."""
 
@@ -128,6 +131,9 @@ __all__ = [*_PUBLIC, *_MODULES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        importlib.import_module("structid.core.renamed").warn_of(f"structid.{name}", f"structid.{_RENAMED[name]}")
+        name = _RENAMED[name]
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"structid.{_PUBLIC[name]}"), name)
     if name in _MODULES:

@@ -44,7 +44,7 @@ from structid.hybrid.substructures.reduction import reduced_by_craig_bampton as 
 from structid.hybrid.substructures.reduction import reduced_by_guyan as reduced_by_guyan
 from structid.hybrid.substructures.substructure import Substructure as Substructure
 from structid.hybrid.virtual_experiment import VirtualHybridTest as VirtualHybridTest
-from structid.inference.error_model_choice import choose_law as choose_law
+from structid.inference.error_model_choice import choose_error_model as choose_error_model
 from structid.inference.error_models.drifting import Drifting as Drifting
 from structid.inference.error_models.independent import IID as IID
 from structid.inference.error_models.kernels import AR1 as AR1

@@ -62,8 +62,8 @@ class Observation:
     units : mapping of str to str, optional
         Units in which tables and figures show channels whose names are not standard ones.
     sd : array-like, shape (time,) or (time, channel), or float, optional
-        Known standard deviation of every value's error in SI, such as an envelope. The law of the errors is then that of ε/sd: with
-        ``IID(variance=1.0)`` they are taken as they are, and otherwise the law's variance, a pure number, multiplies their squares.
+        Known standard deviation of every value's error in SI, such as an envelope. The error model is then that of ε/sd: with
+        ``IID(variance=1.0)`` they are taken as they are, and otherwise its variance, a pure number, multiplies their squares.
     clock : float
         What has been taken off the instrument's clock already [s]; the rest of `time_shift` is still in the values.
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.calibration.cross_validation import judged_in_turn
+from structid.calibration.cross_validation import cross_validate
 from structid.calibration.next_runs import Batch
-from structid.certification.certificate import judged
+from structid.certification.certificate import issue_certificate
 from structid.certification.fresh_draws import THEMSELVES, FreshDraws, StoredRuns
 
 DIMENSION = 4
@@ -45,7 +45,7 @@ def one_look(error, seed, count=30):
     def without(places):
         return Interpolating(error, np.concatenate([known, np.delete(fresh, places, axis=0)]))
 
-    return batch, judged_in_turn(batch, drawn, of_all, without), of_all
+    return batch, cross_validate(batch, drawn, of_all, without), of_all
 
 
 def verdict(batch, log_drawn, beside=THEMSELVES, shares=None):
@@ -61,7 +61,7 @@ def verdict(batch, log_drawn, beside=THEMSELVES, shares=None):
         None,
         beside,
     )
-    return judged(fresh, StoredRuns(), tuple("abcd"), 100, 2)
+    return issue_certificate(fresh, StoredRuns(), tuple("abcd"), 100, 2)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -92,7 +92,7 @@ def test_scales_of_the_surrogates_do_not_matter():
     def without(places):
         return SimpleNamespace(log_density=lambda theta: log_true(theta) + 10.0 * places[0])
 
-    judged_again, beside = judged_in_turn(batch, drawn, exact, without)
+    judged_again, beside = cross_validate(batch, drawn, exact, without)
     np.testing.assert_allclose(judged_again.log_surrogate, log_true(batch.fresh), atol=1e-12)
     assert beside.variation < 1e-12 and np.all(beside.mean < 1e-12)
     ratio = judged_again.shares / np.exp(log_true(batch.fresh) - batch.log_surrogate)

@@ -1,4 +1,4 @@
-"""The law of the errors, left to the data: what a bad surrogate had to choose, since the budget was spent, is chosen again."""
+"""The error model, left to the data: what a bad surrogate had to choose, since the budget was spent, is chosen again."""
 
 from dataclasses import replace
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.certification.certificate import judged
+from structid.certification.certificate import issue_certificate
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 from structid.certification.limits import Limits
 from structid.certification.moment_bounds import correlation_bound
@@ -34,7 +34,7 @@ def drawn(log_weight, dimension=4, seed=0, plain=PLAIN, tempered=TEMPERED):
 def certified(log_weight, dimension=4, replications=200):
     """Share of certificates."""
     names = tuple(f"a{i}" for i in range(dimension))
-    found = [judged(drawn(log_weight, dimension, s), StoredRuns(), names, 100) for s in range(replications)]
+    found = [issue_certificate(drawn(log_weight, dimension, s), StoredRuns(), names, 100) for s in range(replications)]
     return np.mean([c.certified for c in found])
 
 
@@ -115,7 +115,7 @@ def test_correlations_of_a_parameter_without_spread():
 
 
 def test_a_small_shift_is_told():
-    one = judged(drawn(lambda theta, rng: 0.03 * theta[:, 0]), StoredRuns(), ("a", "b", "c", "d"), 99)
+    one = issue_certificate(drawn(lambda theta, rng: 0.03 * theta[:, 0]), StoredRuns(), ("a", "b", "c", "d"), 99)
     assert one.certified and one.variation.estimate < one.variation.bound <= 0.1
     assert abs(one.shift[0] - 0.03) < 4.0 * one.shift_error[0] + 0.005
     told = str(one)
@@ -128,7 +128,9 @@ def test_a_small_shift_is_told():
 def test_looks_cost_confidence():
     """The same draws, looked at again and again: the bound rises, and all confidences together spend what there is."""
     weights = rough(0.05)
-    bounds = [judged(drawn(weights), StoredRuns(), tuple("abcd"), 99, look).variation.bound for look in (1, 2, 3)]
+    bounds = [
+        issue_certificate(drawn(weights), StoredRuns(), tuple("abcd"), 99, look).variation.bound for look in (1, 2, 3)
+    ]
     assert bounds[0] < bounds[1] < bounds[2]
     assert sum(1.0 - Limits().confidence_of(look) for look in range(1, 40)) < 0.05 + 1e-12
 
@@ -156,7 +158,7 @@ def long_tail(slope):
 def test_sds_of_long_tails(weight, least, most):
     """Of c = 0.026 the variance is 21 % off and χ = 0.07 (κ = 9): its mean is fine, and its sd is 10 % off."""
     names, count = tuple("abcd"), 120
-    found = [judged(of_an_exponential_law(weight, seed), StoredRuns(), names, 99) for seed in range(count)]
+    found = [issue_certificate(of_an_exponential_law(weight, seed), StoredRuns(), names, 99) for seed in range(count)]
     share = np.mean([c.certified for c in found])
     assert least - 3.0 * np.sqrt(0.05 * 0.95 / count) <= share <= most + 3.0 * np.sqrt(0.05 * 0.95 / count)
 
@@ -169,10 +171,11 @@ def test_the_bound_of_an_sd_lies_above_the_truth():
     off = 1.0 - 1.0 / np.sqrt(weights @ (theta - mean) ** 2 / weights.sum())
     names = tuple("abcd")
     bounds = [
-        judged(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0] for s in range(100)
+        issue_certificate(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0]
+        for s in range(100)
     ]
     assert np.mean(np.array(bounds) > off) >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 100)
-    even = judged(of_an_exponential_law(rough(0.05), 1), StoredRuns(), names, 99)
+    even = issue_certificate(of_an_exponential_law(rough(0.05), 1), StoredRuns(), names, 99)
     assert even.sd_bound.max() < 0.6 * (1.0 - np.sqrt(1.0 - even.variation.of_variance(np.array([9.0]))[0]))
 
 
@@ -186,12 +189,14 @@ def test_the_bound_of_an_sd_lies_above_the_truth():
 )
 def test_mass_that_no_draw_visits(stored, said):
     """Whatever the weights of the draws say."""
-    found = judged(drawn(rough(0.0)), stored, tuple("abcd"), 99)
+    found = issue_certificate(drawn(rough(0.0)), stored, tuple("abcd"), 99)
     assert found.verdict == "not to be trusted" and said in str(found)
 
 
 def test_stored_runs_that_are_as_they_should_be():
-    fine = judged(drawn(rough(0.0)), StoredRuns(np.array([17.0 - 2.0, 18.0]), np.array([-4.9, 0.9])), tuple("abcd"), 99)
+    fine = issue_certificate(
+        drawn(rough(0.0)), StoredRuns(np.array([17.0 - 2.0, 18.0]), np.array([-4.9, 0.9])), tuple("abcd"), 99
+    )
     assert fine.certified and fine.excess == pytest.approx(2.9) and fine.within_reach == 2
 
 
@@ -204,7 +209,7 @@ def test_a_variance_with_a_long_tail_is_compared_by_its_logarithm():
     for seed in range(20):
         fresh = of_an_exponential_law(rough(0.02), seed, dimension=1)
         itself = replace(fresh, compared=np.exp(fresh.theta), population=np.exp(fresh.population))
-        found = [judged(one, StoredRuns(), ("log sigma2",), 99) for one in (fresh, itself)]
+        found = [issue_certificate(one, StoredRuns(), ("log sigma2",), 99) for one in (fresh, itself)]
         assert found[0].certified and "of a variance of errors its logarithm is meant" in found[0].statement
         bounds.append([one.sd_bound[0] for one in found])
     of_logarithm, of_itself = np.transpose(bounds)
@@ -215,17 +220,17 @@ def test_a_failed_true_run_is_not_certified():
     fresh = drawn(rough(0.0))
     log_true = np.where(np.arange(30) == 7, -np.inf, fresh.log_true)
     rest = (fresh.log_drawn, fresh.shares, fresh.population, fresh.highest)
-    found = judged(FreshDraws(fresh.theta, fresh.theta, log_true, *rest), StoredRuns(), tuple("abcd"), 99)
+    found = issue_certificate(FreshDraws(fresh.theta, fresh.theta, log_true, *rest), StoredRuns(), tuple("abcd"), 99)
     assert found.verdict == "not to be trusted" and found.failed == 1 and found.weights[7] == 0.0
     # A structure that fails is an answer: the draw weighs nothing, and the others more.
     collapsed = FreshDraws(fresh.theta, fresh.theta, log_true, *rest, np.arange(30) == 7)
-    found = judged(collapsed, StoredRuns(), tuple("abcd"), 99)
+    found = issue_certificate(collapsed, StoredRuns(), tuple("abcd"), 99)
     assert found.failed == 0 and found.variation.estimate > 0.1 and not found.certified
 
 
 def test_moments_that_weights_can_mend():
     """Many draws of a law that is too wide: not certified, and re-weighted it is the true one."""
-    found = judged(drawn(other_sd(0.75), plain=400, tempered=200), StoredRuns(), tuple("abcd"), 700)
+    found = issue_certificate(drawn(other_sd(0.75), plain=400, tempered=200), StoredRuns(), tuple("abcd"), 700)
     assert found.verdict == "usable with re-weighting"
     sd = np.sqrt(found.weights @ found.draws**2)
     np.testing.assert_allclose(sd, [0.75, 1.0, 1.0, 1.0], rtol=0.15)
@@ -233,4 +238,4 @@ def test_moments_that_weights_can_mend():
 
 def test_too_few_draws():
     with pytest.raises(InputError, match="12 fresh draws"):
-        judged(drawn(rough(0.0), plain=8, tempered=4), StoredRuns(), tuple("abcd"), 99)
+        issue_certificate(drawn(rough(0.0), plain=8, tempered=4), StoredRuns(), tuple("abcd"), 99)

@@ -1,10 +1,10 @@
-"""From one normal law to another: the correction is what the closed form says, and the certificate reckons with it."""
+"""From one normal density to another: the correction is what the closed form says, and the certificate reckons with it."""
 
 import numpy as np
 import pytest
 import scipy.stats
 
-from structid.certification.certificate import judged
+from structid.certification.certificate import issue_certificate
 from structid.certification.correction import Correction
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 from structid.certification.limits import Limits
@@ -54,7 +54,7 @@ def certificate(correction):
         rng.standard_normal((4000, 2)),
         log_true.max(),
     )
-    return judged(fresh, StoredRuns(), NAMES, 60, 1, Limits(), correction=correction)
+    return issue_certificate(fresh, StoredRuns(), NAMES, 60, 1, Limits(), correction=correction)
 
 
 def test_a_small_correction_is_certified_and_a_large_one_is_not():

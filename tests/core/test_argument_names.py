@@ -162,3 +162,12 @@ def test_results_in_a_notebook_and_as_tables(short_posterior):
     first = result.kept[:, 0, 0, 0]  # the moves of one particle
     np.testing.assert_array_equal(tree["posterior"]["stiffness"].values[0, : len(first)], first)
     assert str(result).startswith(str(result.verdict())) and str(result.summary()) in str(result)
+
+
+def test_too_many_arguments_without_names_are_refused():
+    with pytest.raises(
+        InputError, match=r"ParameterSpace: 2 arguments without a name.*at most 1.*correlation, derived"
+    ):
+        si.ParameterSpace({"a": si.Normal(0.0, 1.0)}, {})
+    with pytest.raises(InputError, match=r"IID: 9 arguments without a name"):
+        si.IID(*range(9))

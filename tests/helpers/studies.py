@@ -9,7 +9,7 @@ from structid.study import packaged
 from structid.study.stages import stage_list
 
 PACKAGED = packaged.template("bouc_wen").replace('kind = "auto"', 'kind = "iid"').replace("particles = 500\n", "")
-"""With a law of the errors that need not be chosen, and the sampler as it comes."""
+"""With an error model that need not be chosen, and the sampler as it comes."""
 
 
 def _without(text: str, table: str) -> str:

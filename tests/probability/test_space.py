@@ -8,6 +8,7 @@ import scipy.stats
 
 import structid as si
 from structid.core.errors import InputError
+from structid.engine.device import jnp
 
 
 def correlated():
@@ -39,7 +40,7 @@ def test_copula_density_integrates_to_one():
 def test_jax_density_agrees_with_numpy_and_rosenblatt_inverts():
     space = correlated()
     theta = space.sample(50, seed=1).values
-    np.testing.assert_allclose(space.jax_log_density(jax.numpy.asarray(theta)), space.log_density(theta), rtol=1e-8)
+    np.testing.assert_allclose(space.jax_log_density(jnp.asarray(theta)), space.log_density(theta), rtol=1e-8)
     np.testing.assert_allclose(space.from_uniform(space.to_uniform(theta)), theta, rtol=1e-7)
 
 
@@ -81,7 +82,7 @@ def test_a_space_comes_back_from_its_plain_words(study_space):
     import json
 
     space = si.ParameterSpace(
-        {("a", "b"): 0.3}, {"c": "a * b"},
+        correlation={("a", "b"): 0.3}, derived={"c": "a * b"},
         a=si.Gamma(mean=2, sd=1, unit="mm"), b=si.Weibull(mean=3, sd=1, high=9), d=si.Gumbel(mean=0, sd=1),
         e=si.Beta(mean=0.3, sd=0.1), f=si.Uniform(-1, 1),
     )  # fmt: skip
@@ -103,7 +104,34 @@ def test_bounds_out_of_order_have_their_cure(low, high, cure):
             prior()
 
 
-@pytest.mark.parametrize("priors", [{"a": si.Normal(0.0, 1.0)}, [si.Normal(0.0, 1.0)]])
-def test_priors_in_a_dictionary_are_no_empty_space(priors):
-    with pytest.raises(InputError, match=r"priors by name.*ParameterSpace\(\*\*priors\)"):
-        si.ParameterSpace(priors)
+def test_a_list_of_priors_is_no_empty_space():
+    with pytest.raises(InputError, match=r"no dictionary of priors.*priors by name"):
+        si.ParameterSpace([si.Normal(0.0, 1.0)])
+
+
+def test_parameters_may_have_the_names_of_arguments():
+    names = ("derived", "correlation", "coordinates")
+    space = si.ParameterSpace(
+        dict.fromkeys(names, si.Normal(1.0, 0.1)),
+        correlation={("derived", "coordinates"): 0.4},
+        stiffness=si.Uniform(1, 2),
+    )
+    assert space.names == (*names, "stiffness") and space.correlation[0, 2] == 0.4
+    again = si.ParameterSpace.from_plain(space.to_plain())
+    assert again.content_hash == space.content_hash and again.names == space.names
+    assert space.extended(noise=si.Uniform(0, 1)).names == (*names, "stiffness", "noise")
+    with pytest.raises(si.InputError, match=r"ParameterSpace\(derived\): a prior.*in a dictionary"):
+        si.ParameterSpace(derived=si.Normal(1.0, 0.1))
+    with pytest.raises(si.InputError, match="the name 'a' twice"):
+        si.ParameterSpace({"a": si.Normal(1.0, 0.1)}, a=si.Normal(1.0, 0.1))
+    with pytest.warns(DeprecationWarning, match="correlation="):
+        earlier = si.ParameterSpace({("a", "b"): 0.3}, a=si.Normal(1.0, 0.1), b=si.Normal(1.0, 0.1))
+    assert earlier.correlation[0, 1] == 0.3
+
+
+def test_the_order_of_priors_is_the_order_of_columns():
+    assert si.ParameterSpace({"b": si.Uniform(0, 1), "a": si.Uniform(0, 1)}, c=si.Uniform(0, 1)).names == (
+        "b",
+        "a",
+        "c",
+    )

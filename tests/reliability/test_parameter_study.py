@@ -98,7 +98,7 @@ def test_values_of_other_runs_are_refused(shape):
 
 
 def test_correlated_parameters_have_no_such_indices() -> None:
-    space = si.ParameterSpace([[1.0, 0.5], [0.5, 1.0]], a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
+    space = si.ParameterSpace(correlation=[[1.0, 0.5], [0.5, 1.0]], a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
     design = space.sample(100, 1)
     with pytest.raises(si.InputError, match="independent"):
         si.sensitivity(design, design.values.sum(axis=1))

@@ -13,7 +13,7 @@ from structid.figures.style import canvas, name_axes
 from structid.report.drawing.drawn_sections import draw
 from structid.report.material.learnt_parameters import LearntParameter
 from structid.report.page import template
-from structid.report.page_summary import Believed, Headline
+from structid.report.page_summary import Believed, PageSummary
 from structid.report.section import Picture, Section, Table
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -63,7 +63,7 @@ def _figure():
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory, pictures):
-    """A page with a headline, a wide table, words and a figure, as a study's own is put together."""
+    """A page with a summary, a wide table, words and a figure, as a study's own is put together."""
     folder = tmp_path_factory.mktemp("page")
     heads = [f"a rather long head {k}" for k in range(9)]
     table = Table("Wide", (heads, [[f"{k}.123 ± 0.004" for k in range(9)] for _ in range(3)]))
@@ -73,10 +73,10 @@ def page(tmp_path_factory, pictures):
     with pictures.rendering(()):
         [drawn] = draw([section], None, folder / "figures")
     learnt = LearntParameter("stiffness", "kN/mm", 7.6, 0.01, (7.58, 7.62), (7.4, 7.9), (6.0, 9.0), 7.61)
-    found = Headline([learnt], [Believed("Model", "bad", "wrong for these data")], ["Little."], ["Look."])
+    found = PageSummary([learnt], [Believed("Model", "bad", "wrong for these data")], ["Little."], ["Look."])
     content = template("base.html").environment.from_string(
-        '{% extends "base.html" %}{% from "macros.html" import contents, headline_of, sections_of %}'
-        "{% block content %}{{ contents([], sections) }}{{ headline_of(found) }}{{ sections_of(sections) }}{% endblock %}"
+        '{% extends "base.html" %}{% from "macros.html" import contents, page_summary, sections_of %}'
+        "{% block content %}{{ contents([], sections) }}{{ page_summary(found) }}{{ sections_of(sections) }}{% endblock %}"
     )
     shown = {"key": "wide", "title": "A wide table", "words": ["Words."], "tables": [table], "under_doubt": ""}
     text = content.render(

@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from structid.inference.diagnostics.prior_warnings import prior_warnings
-from structid.report.page_summary import comparison_headline, headline
+from structid.report.page_summary import comparison_summary, page_summary
 
 SPACE = si.ParameterSpace(
     stiffness=si.Uniform(5.0, 9.0, unit="kN/mm"), alpha=si.Uniform(0.0, 0.2), beta=si.Uniform(50.0, 70.0, unit="1/m")
@@ -15,7 +15,7 @@ SPACE = si.ParameterSpace(
 
 
 def material(
-    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), against_priors=(),
+    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_error_model=(), against_priors=(),
     certificate=None, surrogate=None, cost=None, another_size=False,
 ):  # fmt: skip
     """What a calibration leaves, as far as the first screen looks at it; numbers in display units."""
@@ -29,7 +29,7 @@ def material(
     verdict = SimpleNamespace(
         converged=converged,
         wrong_model=wrong_model,
-        wrong_law=wrong_law,
+        wrong_error_model=wrong_error_model,
         against_priors=against_priors,
         unexplained=0.01,
         another_size=another_size,
@@ -57,7 +57,7 @@ def certificate(verdict):
 
 
 def test_all_is_well():
-    found = headline(material(truth=(7.6, 0.1, 61.3), certificate=certificate("certified")))
+    found = page_summary(material(truth=(7.6, 0.1, 61.3), certificate=certificate("certified")))
     assert found.trust == "good" and not found.wrong and found.truths == (3, 3)
     assert [b.about for b in found.believed] == ["Sampling", "Surrogate", "Model"]
     assert "90 runs" in found.believed[1].said and "0.05 standard deviations" in found.believed[1].said
@@ -70,7 +70,7 @@ def test_all_is_well():
 
 
 def test_draws_that_have_not_converged_come_first_and_alone():
-    found = headline(material(converged=False))
+    found = page_summary(material(converged=False))
     assert found.trust == "bad" and found.unsaid == [] and len(found.further) == 1 and "--resume" in found.further[0]
     assert "do not use" in found.believed[0].said and [b.about for b in found.believed] == ["Sampling"]
 
@@ -85,12 +85,12 @@ def test_draws_that_have_not_converged_come_first_and_alone():
     ],
 )
 def test_a_surrogate_is_judged_by_itself(given, trust, said, further):
-    found = headline(material(**given))
+    found = page_summary(material(**given))
     assert found.trust == trust and said in found.believed[1].said and further in found.further[0]
 
 
 def test_a_wrong_model_has_intervals_for_another_record():
-    found = headline(material(elsewhere=(0.5, 0.006, 0.19), truth=(8.2, 0.1, 61.0), wrong_model=("It drifts.",)))
+    found = page_summary(material(elsewhere=(0.5, 0.006, 0.19), truth=(8.2, 0.1, 61.0), wrong_model=("It drifts.",)))
     assert found.wrong and found.elsewhere and found.trust == "bad"
     stiffness, alpha, beta = found.parameters
     assert stiffness.honest[1] > 8.2 > stiffness.interval[1] and stiffness.holds_truth
@@ -100,12 +100,12 @@ def test_a_wrong_model_has_intervals_for_another_record():
 
 
 def test_units_come_before_the_model():
-    found = headline(material(wrong_model=("It has 0.001 times the measured peak.",), another_size=True))
+    found = page_summary(material(wrong_model=("It has 0.001 times the measured peak.",), another_size=True))
     assert "Look at the units" in found.further[0] and not any("what it lacks" in said for said in found.further)
 
 
 def test_an_interval_for_another_record_stays_inside_the_prior():
-    far = headline(material(elsewhere=(2.0, 0.3, 0.2), wrong_model=("It drifts.",)))
+    far = page_summary(material(elsewhere=(2.0, 0.3, 0.2), wrong_model=("It drifts.",)))
     assert far.parameters[0].honest == (5.0, 9.0) and far.parameters[1].honest[0] == 0.0
 
 
@@ -113,14 +113,14 @@ def test_what_the_data_do_not_say():
     rng = np.random.default_rng(2)
     one, other = rng.normal(size=4000), rng.normal(size=4000)
     draws = np.stack([7.6 + 0.05 * one, rng.uniform(0.0, 0.2, 4000), 61.0 + 0.2 * (0.98 * one + 0.2 * other)], axis=1)
-    found = headline(material(draws))
+    found = page_summary(material(draws))
     assert found.unsaid[0] == "The data say little of α: what is known of it is in the prior."
     assert "stiffness and β" in found.unsaid[1] and "correlation 0.98" in found.unsaid[1]
     assert found.parameters[1].told == "hardly" and any("measure another channel" in said for said in found.further)
 
 
 def test_a_law_that_is_wrong_is_a_doubt():
-    found = headline(material(wrong_law=("the residuals are correlated",)))
+    found = page_summary(material(wrong_error_model=("the residuals are correlated",)))
     assert found.trust == "doubtful" and "discrepancy" in found.further[0]
 
 
@@ -134,7 +134,7 @@ def test_a_prior_that_the_data_contradict_comes_first():
         beta=si.Uniform(50.0, 70.0, unit="1/m"),
     )
     against = tuple(prior_warnings(space, draws * space.factors))
-    found = headline(material(draws, against_priors=against, wrong_model=("It drifts.",)))
+    found = page_summary(material(draws, against_priors=against, wrong_model=("It drifts.",)))
     assert (
         found.further[0].startswith("The posterior of alpha lies in the far tail") and "the units" in found.further[0]
     )
@@ -145,16 +145,16 @@ def test_a_prior_that_the_data_contradict_comes_first():
 
 
 def test_what_drifts_as_far_as_its_prior_is_not_known_on_another_record():
-    found = headline(material(elsewhere=(0.2, 0.005, 6.0), wrong_model=("It drifts.",)))
+    found = page_summary(material(elsewhere=(0.2, 0.005, 6.0), wrong_model=("It drifts.",)))
     said = [said for said in found.unsaid if "another record" in said]
     assert len(said) == 1 and "β" in said[0] and "stiffness" not in said[0] and "it drifts" in said[0]
-    assert not any("another record" in said for said in headline(material(elsewhere=(0.2, 0.005, 0.2))).unsaid)
+    assert not any("another record" in said for said in page_summary(material(elsewhere=(0.2, 0.005, 0.2))).unsaid)
 
 
 def test_the_best_prediction_may_be_worse_than_none():
     given = material()
     given.result.verdict().unexplained = 1.3
-    assert "leaves 130 % of the measured variance unexplained" in headline(given).believed[-1].said
+    assert "leaves 130 % of the measured variance unexplained" in page_summary(given).believed[-1].said
 
 
 def compared(*classes):
@@ -167,11 +167,11 @@ def compared(*classes):
 
 def test_a_comparison_says_which_to_use_and_when_none_is_right():
     wrong, right = material(wrong_model=("It drifts.",)), material()
-    believed, further = comparison_headline(compared(("plain", wrong, True), ("degrading", right, True)))
+    believed, further = comparison_summary(compared(("plain", wrong, True), ("degrading", right, True)))
     assert [b.trust for b in believed] == ["bad", "good"] and further[0].startswith("Use degrading")
-    _, further = comparison_headline(compared(("plain", wrong, True), ("other", wrong, True)))
+    _, further = comparison_summary(compared(("plain", wrong, True), ("other", wrong, True)))
     assert "still wrong" in further[0]
-    believed, further = comparison_headline(compared(("plain", right, False), ("degrading", right, True)))
+    believed, further = comparison_summary(compared(("plain", right, False), ("degrading", right, True)))
     assert "not to be trusted" in believed[0].said and further == [
         "Finish plain first: structid run … --resume. Until then the order may change."
     ]

@@ -35,10 +35,10 @@ def test_a_certified_study(tmp_path, monkeypatch):
     assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
     assert "surrogate's own error (" not in page  # what is certified needs no warning
     # First of all the answers: what the parameters are, whether to believe them, what next.
-    head = page.index('<section class="headline')
+    head = page.index('<section class="page-summary')
     assert head < page.index("What are the parameters?") < page.index("certified by") < page.index("What next?")
     assert page.index("What next?") < page.index('id="verdict"')
-    monkeypatch.setattr(final_draws, "represented", None)  # what the second explorer has found is stored
+    monkeypatch.setattr(final_draws, "check_representation", None)  # what the second explorer has found is stored
     again = report_again(tmp_path / "out")
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
     assert str(again.calibration.representation) == str(outcome.calibration.representation)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.error_model_choice import EXPLORER, usual_laws
+from structid.inference.error_model_choice import EXPLORER, usual_error_models
 from structid.study.cost import Cost, Part, estimate
 from structid.study.run import load
 from structid.study.stages.error_model_stage import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
@@ -44,7 +44,7 @@ def evaluations(posterior, sampler):
 @pytest.mark.parametrize("sampler", [EXPLORER, si.SMC(particles=200, steps=20)])
 def test_a_tempering_takes_about_as_many_densities_as_it_says(tmp_path, law, sampler):
     posterior = written(tmp_path, SMALL).posterior
-    posterior = posterior.on(law=usual_laws(posterior.model)[law])
+    posterior = posterior.on(error_model=usual_error_models(posterior.model)[law])
     ratio = sampler.evaluations(posterior.dimension) / evaluations(posterior, sampler)
     print(ratio)
     assert 0.5 < ratio < 2.0, ratio
@@ -53,7 +53,14 @@ def test_a_tempering_takes_about_as_many_densities_as_it_says(tmp_path, law, sam
 def test_all_parts_are_in_the_sum(tmp_path):
     cost = estimate(written(tmp_path, AUTO))
     said = str(cost)
-    for part in ("Choosing the law", "Pattern search", "Interior point", "Sampling", "figures and page", "In all"):
+    for part in (
+        "Choosing the error model",
+        "Pattern search",
+        "Interior point",
+        "Sampling",
+        "figures and page",
+        "In all",
+    ):
         assert part in said
     assert cost.seconds == pytest.approx(sum(part.seconds for part in cost.parts))
     assert "If the data choose parameters that drift" in said
@@ -68,7 +75,7 @@ def test_what_an_unknown_clock_costs_is_said(tmp_path):
 
 
 def test_a_campaign_without_a_measurement_costs_its_runs(tmp_path):
-    """Nothing is sampled, and no law of errors is chosen."""
+    """Nothing is sampled, and no error model is chosen."""
     study = written(tmp_path, AUTO[: AUTO.index("[observation]")] + '[campaign]\nruns = 30\nmethod = "sobol"\n')
     assert study.posterior is None
     cost = estimate(study)
@@ -104,8 +111,8 @@ def test_draws_of_a_start_and_discarded_draws_are_counted(tmp_path):
 def test_a_sampler_of_too_few_walkers_is_not_taken_for_values_at_knots(tmp_path):
     """Nor is it found out after the law has been chosen, for half a minute."""
     study = written(tmp_path, AUTO)
-    laws = usual_laws(study.model)
-    drifting = study.posterior.on(law=next(law for law in laws if law.inside))
+    laws = usual_error_models(study.model)
+    drifting = study.posterior.on(error_model=next(law for law in laws if law.inside))
     assert study.sampler.walkers < 2 * drifting.dimension
     assert sampler_under(study, drifting) is WITH_HIDDEN_VALUES
     assert sampler_under(study, study.posterior) == study.sampler
@@ -116,6 +123,6 @@ def test_a_sampler_of_too_few_walkers_is_not_taken_for_values_at_knots(tmp_path)
     as_it_comes = written(tmp_path, without_sampler(AUTO) + '\n[sampler]\nkind = "smc"\n')
     assert sampler_under(as_it_comes, drifting) is WITH_HIDDEN_VALUES
     assert sampler_under(as_it_comes, study.posterior) == si.SMC()
-    assert sampler_under(none, study.posterior.on(law=laws[2])) is FOR_CORRELATED_ERRORS
+    assert sampler_under(none, study.posterior.on(error_model=laws[2])) is FOR_CORRELATED_ERRORS
     assert sampler_under(none, study.posterior) == none.sampler
     assert np.isfinite(estimate(none).otherwise.seconds)

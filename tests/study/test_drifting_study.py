@@ -18,7 +18,7 @@ def test_a_study_whose_parameters_drift(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     outcome = run_study(tmp_path / "study.toml", tmp_path / "out")
     posterior = outcome.result.target
-    assert posterior.law.describe()["kind"] == "drifting" and posterior.law.every == 3.0
+    assert posterior.error_model.describe()["kind"] == "drifting" and posterior.error_model.every == 3.0
     assert posterior.discrepancy.describe()["kind"] == "damped_cosine"
     page = outcome.report.read_text()
     # What was sampled at the knots is judged with the rest, and shown nowhere else.

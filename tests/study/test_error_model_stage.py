@@ -1,4 +1,4 @@
-"""Studies that leave the law of the errors to the data: on the model, on a surrogate, in a certified calibration."""
+"""Studies that leave the error model to the data: on the model, on a surrogate, in a certified calibration."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
     best = max(range(5), key=lambda place: choice.evidences[place].value)
     assert "drifting" in choice.laws[best]
     # Tens of hidden values need another sampler than the four parameters of the file. If they are not sampled well, they are left.
-    assert result.target.law.inside is not choice.added_only
+    assert result.target.error_model.inside is not choice.added_only
     assert result.verdict().wrong_model or not result.verdict().converged, str(result.verdict())
     page = outcome.report.read_text()
     assert choice.sentence in page
@@ -51,10 +51,12 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
         again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     choice, calibration = outcome.law_choice, outcome.calibration
     assert choice is calibration.law_choice and choice.laws == ("iid", "ar1", "damped cosine")
-    law = choice.posterior.law.describe()["kind"]
+    law = choice.posterior.error_model.describe()["kind"]
     assert (
         law != "iid"
-        and calibration.posterior.law.describe()["kind"] == law == outcome.result.target.law.describe()["kind"]
+        and calibration.posterior.error_model.describe()["kind"]
+        == law
+        == outcome.result.target.error_model.describe()["kind"]
     )
     assert calibration.certificate.names == calibration.posterior.compared_names
     np.testing.assert_array_equal(again.result.history, outcome.result.history)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from structid.calibration.requested_limits import FILE as ASKED_LIMITS
 from structid.campaign.parts import parts_of
 from structid.campaign.store import CALIBRATION_RUNS, open_runs
-from structid.certification.model_runs import TrueRuns
+from structid.certification.model_runs import ModelRuns
 from structid.core.errors import StoreMismatchError
 from structid.core.journal import write_then_rename
 
@@ -33,7 +33,7 @@ def first_design(
     return np.asarray(np.load(folder / FIRST_DESIGN))
 
 
-def take_over(true: TrueRuns) -> None:
+def take_over(true: ModelRuns) -> None:
     """Restart a stored calibration with its runs, whatever version of the model made them."""
     folder = true.folder
     if folder is None or not _of_another_model(true):
@@ -55,7 +55,7 @@ def take_over(true: TrueRuns) -> None:
     true.points = points
 
 
-def _of_another_model(true: TrueRuns) -> bool:
+def _of_another_model(true: ModelRuns) -> bool:
     try:
         true.refuse_another()
     except StoreMismatchError:

@@ -18,7 +18,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.inference.diagnostics.posterior_summary import Summary
 from structid.inference.diagnostics.second_sampler import Representation
 from structid.inference.diagnostics.verdict import Verdict
-from structid.inference.error_model_choice import LawChoice
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.prediction import Prediction, first_that_takes, predict
 from structid.inference.sampling.base import Evidence
@@ -93,8 +93,8 @@ class CalibrationResult(ShownAsText):
         The last one.
     runs : Runs
         All true runs.
-    law_choice : LawChoice or None
-        Which law of the errors the data chose, where it was left to them.
+    law_choice : ErrorModelChoice or None
+        Which error model the data chose, where it was left to them.
     representation : Representation or None
         Draws of the surrogate's posterior beside those of a second explorer.
     """
@@ -105,7 +105,7 @@ class CalibrationResult(ShownAsText):
     posterior: Posterior = field(repr=False)
     surrogate: Surrogate = field(repr=False)
     runs: Runs = field(repr=False)
-    law_choice: LawChoice | None = field(default=None, repr=False)
+    law_choice: ErrorModelChoice | None = field(default=None, repr=False)
     representation: Representation | None = field(default=None, repr=False)
 
     @property
@@ -164,7 +164,7 @@ class CalibrationResult(ShownAsText):
         return self.sampling.to_netcdf(path, predictions, thinned)
 
     def verdict(self) -> Verdict:
-        """Say whether the sampling has converged, and what speaks against the model and the law of the errors.
+        """Say whether the sampling has converged, and what speaks against the model and the error model.
 
         Returns
         -------

@@ -16,7 +16,7 @@ import numpy as np
 
 from structid.calibration.next_runs import POPULATION, Batch
 from structid.certification.density_difference import FOLDS, density_difference
-from structid.certification.fresh_draws import Beside
+from structid.certification.fresh_draws import DensityDifference
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 
@@ -27,12 +27,14 @@ Left = Callable[[np.ndarray], Posterior]
 """Returns the posterior of a surrogate fitted to all runs except some draws, given by their indices."""
 
 
-def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without: Left) -> tuple[Batch, Beside]:
+def cross_validate(
+    last: Batch, drawn: SamplingResult, under: Posterior, without: Left
+) -> tuple[Batch, DensityDifference]:
     """Assess a surrogate by the draws of a refused certificate that have trained it."""
     some = drawn.thinned(COMPARED)
     of_all = under.log_density(some)
     log_surrogate = np.empty(len(last.fresh))
-    differences: list[Beside] = []
+    differences: list[DensityDifference] = []
     for first in range(FOLDS):
         places = np.arange(first, len(last.fresh), FOLDS)
         left = without(places)
@@ -53,4 +55,4 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
         population=drawn.thinned(POPULATION),
         highest=highest,
     )
-    return batch, Beside.average(differences)
+    return batch, DensityDifference.average(differences)

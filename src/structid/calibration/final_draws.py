@@ -14,7 +14,7 @@ from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_s
 from structid.core.hashing import digest
 from structid.core.journal import Journal
 from structid.core.progress import Progress
-from structid.inference.diagnostics.second_sampler import EXPLORER, LONGEST, Representation, represented
+from structid.inference.diagnostics.second_sampler import EXPLORER, LONGEST, Representation, check_representation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.base import Sampler
@@ -104,7 +104,7 @@ def _beside(
     journal = Journal(path, identity)
     for entry in journal:
         return Representation.of(entry)
-    comparison = represented(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
+    comparison = check_representation(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
     journal.append(comparison.to_entry())
     return comparison
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from structid.calibration.plan import FEWEST_IN_A_BATCH
-from structid.certification.model_runs import TrueRuns
+from structid.certification.model_runs import ModelRuns
 from structid.core.errors import InputError, UnlikeMeasuredWarning
 from structid.inference.validation.recorded_faults import questions_of_the_measurement
 from structid.inference.validation.side_by_side import SideBySide
@@ -18,7 +18,7 @@ from structid.surrogates.base import SurrogateSettings
 
 
 def make_first_runs(
-    true: TrueRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
+    true: ModelRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
 ) -> None:
     """Run the first design, and more of the same points while too many have failed for a surrogate."""
     true.make()
@@ -30,7 +30,7 @@ def make_first_runs(
     true.refuse_rest()
 
 
-def warn_of_mistakes(true: TrueRuns) -> None:
+def warn_of_mistakes(true: ModelRuns) -> None:
     """Warn about the measurements, and about their comparison with all first runs: a wrong unit, sign or clock."""
     finished = np.flatnonzero(true.finished)
     from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
@@ -50,14 +50,14 @@ def warn_of_mistakes(true: TrueRuns) -> None:
             warnings.warn(f"{question} {nearest}", UnlikeMeasuredWarning, stacklevel=5)
 
 
-def _questions(true: TrueRuns, response: np.ndarray, observation: Observation) -> dict[tuple[str, str], str]:
+def _questions(true: ModelRuns, response: np.ndarray, observation: Observation) -> dict[tuple[str, str], str]:
     """Problems of a response (time, channel), by channel and kind."""
     histories = dict(zip(true.model.channels, response.T, strict=True))
     pairs = SideBySide.of(histories, true.model.channel_units, observation)
     return {(pair.channel, kind): question for pair in pairs for kind, question in pair.questions.items()}
 
 
-def _fit_for_a_surrogate(true: TrueRuns, settings: SurrogateSettings) -> bool:
+def _fit_for_a_surrogate(true: ModelRuns, settings: SurrogateSettings) -> bool:
     """Whether enough runs have completed."""
     design = Design(np.repeat(true.points[true.finished], len(true.records), axis=0), true.space)
     try:

@@ -120,7 +120,7 @@ def next_batch(
 def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.ndarray:
     """Draws of the prior beyond all runs where a mode could be: those with a high density at the edge.
 
-    Their laws of errors have the parameters that the posterior gives to them.
+    Their error models have the parameters that the posterior gives to them.
     """
     posterior, dimension = explored.posterior, explored.posterior.model_space.dimension
     prior = posterior.bijection(posterior.initial(SCOUTS, rng))[0][:, :dimension]

@@ -13,7 +13,7 @@ import numpy as np
 
 from structid.calibration.adopted_runs import first_design, take_over
 from structid.calibration.calibration_result import CalibrationResult, Round
-from structid.calibration.cross_validation import judged_in_turn
+from structid.calibration.cross_validation import cross_validate
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
 from structid.calibration.initial_runs import make_first_runs, warn_of_mistakes
@@ -23,9 +23,9 @@ from structid.calibration.requested_limits import earlier_limits
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
-from structid.certification.certificate import judged
-from structid.certification.fresh_draws import Beside, FreshDraws, StoredRuns
-from structid.certification.model_runs import Tell, TrueRuns, noise_doubts
+from structid.certification.certificate import issue_certificate
+from structid.certification.fresh_draws import DensityDifference, FreshDraws, StoredRuns
+from structid.certification.model_runs import ModelRuns, Tell, noise_doubts
 from structid.core.errors import InputError
 from structid.core.hashing import digest
 from structid.core.journal import Journal
@@ -33,8 +33,8 @@ from structid.core.progress import Progress
 from structid.core.streams import Purpose, derived_seed, stream
 from structid.core.validation import check_arguments
 from structid.engine.lanes.machine import engine
-from structid.inference.error_model_choice import AUTO, LawChoice, choose_among
-from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_model_choice import AUTO, ErrorModelChoice, choose_among
+from structid.inference.error_models.base import ErrorModel
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.base import Block, Sampler
@@ -67,7 +67,7 @@ def calibrate(
     space: ParameterSpace,
     observations: Observation | Sequence[Observation],
     surrogate: SurrogateSettings | None = None,
-    discrepancy: ErrorLaw | str | None = None,
+    discrepancy: ErrorModel | str | None = None,
     *,
     true_runs: int = 500,
     plan: Plan | None = None,
@@ -99,8 +99,8 @@ def calibrate(
     surrogate : PODKriging, PODPCE, PCNARX or KrigingNARX, optional
         Settings of the surrogate; `PODKriging` when left out.
     discrepancy : Discrepancy or "auto", optional
-        The law of the difference between model and measurement; independent errors when left out. ``"auto"`` lets the data choose
-        one by its evidence as soon as the surrogate is good enough near the posterior; see `structid.choose_law`.
+        The error model; independent errors when left out. ``"auto"`` lets the data choose
+        one by its evidence as soon as the surrogate is good enough near the posterior; see `structid.choose_error_model`.
     true_runs : int
         Budget of true runs, including those of the certificate. With several records, each point counts once.
     plan : Plan, optional
@@ -143,18 +143,18 @@ def calibrate(
     What each round has found is logged: ``logging.basicConfig(level=logging.INFO)`` shows it.
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
-    law = _law(discrepancy)
-    if law is not None and law.inside:
+    error_model = _law(discrepancy)
+    if error_model is not None and error_model.inside:
         raise InputError(
             "calibrate(discrepancy)",
-            f"{law.describe()['kind']}, whose errors are inside the model",
+            f"{error_model.describe()['kind']}, whose errors are inside the model",
             "errors that are added to the response: iid, ar1, matern32, damped_cosine",
             "A surrogate stands for the model as it is. Sample the model itself: structid.sample, or a study without a surrogate.",
         )
     with kept_open(model, executor) as workers:
         loop = _Loop(
-            Posterior(space, model, observations, law),
-            law is None and discrepancy is not None,
+            Posterior(space, model, observations, error_model),
+            error_model is None and discrepancy is not None,
             settings,
             Plan(true_runs=true_runs) if plan is None else plan,
             sampler,
@@ -167,10 +167,12 @@ def calibrate(
         return loop.run()
 
 
-def _law(discrepancy: ErrorLaw | str | None) -> ErrorLaw | None:
+def _law(discrepancy: ErrorModel | str | None) -> ErrorModel | None:
     """The given error model; None if it is omitted or to be chosen."""
     if isinstance(discrepancy, str) and discrepancy != AUTO:
-        raise InputError("calibrate(discrepancy)", f"'{discrepancy}'", f"a law such as structid.AR1(), or '{AUTO}'")
+        raise InputError(
+            "calibrate(discrepancy)", f"'{discrepancy}'", f"an error model such as structid.AR1(), or '{AUTO}'"
+        )
     return None if isinstance(discrepancy, str) else discrepancy
 
 
@@ -180,7 +182,7 @@ class _Loop:
     def __init__(
         self,
         posterior: Posterior,
-        law_is_open: bool,
+        error_model_is_open: bool,
         settings: SurrogateSettings,
         plan: Plan,
         sampler: Sampler | None,
@@ -192,10 +194,10 @@ class _Loop:
     ) -> None:
         self.posterior, self.settings, self.sampler = posterior, settings, sampler
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
-        self.space, self.law_is_open = posterior.model_space, law_is_open
+        self.space, self.error_model_is_open = posterior.model_space, error_model_is_open
         self.plan = plan.sized(posterior, settings)
         first = first_design(folder, self._planned(self.plan.sizes[0]))
-        self.true = TrueRuns(posterior, first, folder, executor, progress)
+        self.true = ModelRuns(posterior, first, folder, executor, progress)
         if adopt:
             take_over(self.true)
         self.true.refuse_another()
@@ -208,8 +210,8 @@ class _Loop:
         self.last: Batch | None = None
         self.before: Surrogate | None = None
         self.surrogate: Surrogate | None = None
-        self.choice: LawChoice | None = None
-        self.settled = not law_is_open
+        self.choice: ErrorModelChoice | None = None
+        self.settled = not error_model_is_open
         self.final: tuple[int, FinalDraws] | None = None
 
     @property
@@ -218,7 +220,7 @@ class _Loop:
             "schema": SCHEMA,
             "engine": engine(),
             "posterior": self.posterior.content_hash,
-            **({"law": AUTO} if self.law_is_open else {}),
+            **({"law": AUTO} if self.error_model_is_open else {}),
             "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
             "plan": digest(self.plan.describe()),
             "seed": self.seed,
@@ -235,7 +237,7 @@ class _Loop:
             if number < len(stored):
                 entry = stored[number]
                 if entry["chosen"]:
-                    self._choose_law(number, surrogate)  # again, in the same round; its draws are stored
+                    self._choose_error_model(number, surrogate)  # again, in the same round; its draws are stored
                     self.settled = bool(entry["settled"])
             else:
                 entry = self._next(number, surrogate)
@@ -285,7 +287,7 @@ class _Loop:
         # What was chosen because the budget was spent, by a surrogate that may be bad, is chosen again when there is more.
         chosen = not self.settled and (promising or (last_chance and self.choice is None))
         self.settled = self.settled or (chosen and promising)
-        if chosen and not self._choose_law(number, surrogate):
+        if chosen and not self._choose_error_model(number, surrogate):
             due, explored = last_chance, self._explored(number, surrogate)
         made_up = None
         if due or self._to_be_judged_again:
@@ -293,7 +295,7 @@ class _Loop:
             made_up, fit = final.made_up, explored.outside <= LARGEST_OUTSIDE and not final.failures
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
-        rng, difference = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
+        rng, difference = stream(self.seed, Purpose.CALIBRATION_BATCH, number), DensityDifference()
         if again:
             batch, difference = self._again(final.sampling, surrogate)
         elif due:
@@ -309,7 +311,7 @@ class _Loop:
         """Whether the last round's certificate was refused, so that its draws can assess the next surrogate."""
         return bool(self.rounds) and self.rounds[-1].to_be_judged_again
 
-    def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, Beside]:
+    def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, DensityDifference]:
         """The last certificate's draws, each assessed by a surrogate that has not seen it."""
         assert self.last is not None
         everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
@@ -322,7 +324,7 @@ class _Loop:
             left.trust()
             return self.posterior.on(left)
 
-        return judged_in_turn(self.last, drawn, self.posterior.on(surrogate), without)
+        return cross_validate(self.last, drawn, self.posterior.on(surrogate), without)
 
     def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
@@ -357,14 +359,14 @@ class _Loop:
         of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
         return self.plan.true_runs - training - self.twice - of_a_certificate
 
-    def _choose_law(self, number: int, surrogate: Surrogate) -> bool:
+    def _choose_error_model(self, number: int, surrogate: Surrogate) -> bool:
         """Let the data choose the error model by an accurate surrogate; returns whether it is unchanged."""
-        folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.law
+        folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.error_model
         seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
-        report = self._told("choosing the law of the errors")
+        report = self._told("choosing the error model")
         self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=report, store=folder)
-        self.posterior = self.posterior.on(law=self.choice.posterior.law)
-        return self.posterior.law.describe() == before.describe()
+        self.posterior = self.posterior.on(error_model=self.choice.posterior.error_model)
+        return self.posterior.error_model.describe() == before.describe()
 
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """Assess a round by its model runs at the fresh draws, with a certificate if it is due."""
@@ -375,7 +377,7 @@ class _Loop:
         log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
         drawn = FreshDraws(
             batch.fresh, self.posterior.compared(batch.fresh), log_true, batch.log_surrogate, batch.shares,
-            self.posterior.compared(batch.population), batch.highest, self.true.collapsed(fresh), Beside.of(entry),
+            self.posterior.compared(batch.population), batch.highest, self.true.collapsed(fresh), DensityDifference.of(entry),
         )  # fmt: skip
         certificate = None
         if entry["final"]:
@@ -385,7 +387,7 @@ class _Loop:
             doubts = self._final_draws(number, surrogate, training, exponent == 1.0).failures
             noise = self._noise(first, batch, log_true, again)
             spent = len(self.true) + self.twice
-            certificate = judged(
+            certificate = issue_certificate(
                 drawn, stored, self.posterior.compared_names, spent, look, self.plan.limits, doubts, noise
             )
         return Round(

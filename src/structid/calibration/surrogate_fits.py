@@ -13,7 +13,7 @@ from jaxtyping import Int
 from structid.calibration.next_runs import Batch
 from structid.calibration.run_weights import nearness
 from structid.calibration.surrogate_forms import best_near_the_posterior
-from structid.certification.model_runs import TrueRuns
+from structid.certification.model_runs import ModelRuns
 from structid.core.progress import Progress
 from structid.inference.likelihood.posterior import Posterior
 from structid.surrogates.base import Surrogate, SurrogateSettings
@@ -28,7 +28,7 @@ class SurrogateFits:
 
     settings: SurrogateSettings  # settings of the surrogate
     posterior: Posterior  # posterior with the measurements
-    true: TrueRuns  # all model runs
+    true: ModelRuns  # all model runs
     last: Batch | None  # batch of the last round, near the posterior; None before the first
     told: Progress  # called with the percentage of a fit that is done, and 100
 
@@ -71,7 +71,7 @@ class SurrogateFits:
         return best_densities(self.posterior, self.true, self.last)
 
 
-def best_densities(posterior: Posterior, true: TrueRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+def best_densities(posterior: Posterior, true: ModelRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
     """Densities at all model runs, each with the most suitable among some draws of the error model's parameters."""
     points, error_parameters = true.points, batch.of_the_errors(posterior.model_space.dimension, DISCREPANCY_DRAWS)
     given = posterior.given(true.responses())

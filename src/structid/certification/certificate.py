@@ -84,11 +84,11 @@ class Certificate(ShownAsText):
     subject : str
         What is certified, where it is not the draws.
     searched, taught : int
-        True runs that searched for modes the draws have missed, and that were made to learn where the draws' law is wrong.
+        True runs that searched for modes the draws have missed, and that were made to learn where the draws' density is wrong.
     missing : float
-        Share of the posterior that may lie where the draws' law is zero; the bounds reckon with it.
+        Share of the posterior that may lie where the draws' density is zero; the bounds allow for it.
     monte_carlo : MonteCarloError or None
-        How far moments of the draws may be from those of their law, which the bounds above are about. Of somebody else's draws;
+        How far moments of the draws may be from those of their density, which the bounds above are about. Of external draws;
         those of a calibration have their own verdict.
     """
 
@@ -247,7 +247,7 @@ class Certificate(ShownAsText):
         if self.correction is None:
             return f"{sentence} ({self.limits.mean:g} is allowed)"
         return (
-            f"{sentence}, about a law that the runs have taught and that "
+            f"{sentence}, about a density fitted to the runs and that "
             f"differs from that of the draws in {self.correction.distance:.0%} of the probability"
         )
 
@@ -261,8 +261,8 @@ class Certificate(ShownAsText):
     @property
     def _said_of_what_is_excluded(self) -> str:
         return (
-            f"  {self.missing:.2%} of the posterior may lie where the given density is zero, as of a normal law that ends there; "
-            "the bounds reckon with it"
+            f"  {self.missing:.2%} of the posterior may lie where the given density is zero, as of a normal density that ends "
+            "there; the bounds allow for it"
         )
 
     def to_plain(self) -> dict[str, Any]:
@@ -278,7 +278,7 @@ class Certificate(ShownAsText):
         return _plain(figures)
 
 
-def judged(
+def issue_certificate(
     fresh: FreshDraws,
     stored: StoredRuns,
     names: tuple[str, ...],
@@ -295,9 +295,9 @@ def judged(
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
     lost, lost_of_sd = missing_bounds(fresh, variation)
-    mean_off = variation.bound + lost + np.broadcast_to(fresh.beside.mean, len(names))
-    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) * (1.0 + lost_of_sd) - 1.0
-    variation = replace(variation, bound=variation.bound + lost + fresh.beside.variation)
+    mean_off = variation.bound + lost + np.broadcast_to(fresh.difference.mean, len(names))
+    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.difference.sd) * (1.0 + lost_of_sd) - 1.0
+    variation = replace(variation, bound=variation.bound + lost + fresh.difference.variation)
     correlation_off = correlation_bound(fresh, variation)
     mean_shift, error = shift(fresh, standardised(fresh))
     if correction is not None:
@@ -377,11 +377,11 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
             else "lies where there is no density at all in"
         )
         reasons.append(
-            f"a true run within {limits.reach:g} nats of the best {more} the law that was drawn: it misses a part of the true one"
+            f"a true run within {limits.reach:g} nats of the best {more} the drawn density: it misses a part of the true one"
         )
     if hidden:
         reasons.append(
-            f"{hidden} stored true runs further away have far more density than the law that was drawn gives them: it may hide a "
+            f"{hidden} stored true runs further away have far more density than the drawn density gives them: it may hide a "
             "mode there"
         )
     return tuple(reasons)

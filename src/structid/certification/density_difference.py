@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.certification.correction import Correction
-from structid.certification.fresh_draws import Beside
+from structid.certification.fresh_draws import DensityDifference
 
 FOLDS = 10
 """Groups of draws that are left out together."""
@@ -14,9 +14,9 @@ FOLDS = 10
 
 def density_difference(
     gap: Float[np.ndarray, " draw"], draws: Float[np.ndarray, "draw parameter"]
-) -> tuple[float, Beside]:
+) -> tuple[float, DensityDifference]:
     """Compare a density p with q, by draws of q."""
     scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
     weights = np.exp(gap - scale)
     correction = Correction.between(draws, np.ones(len(draws)), weights)
-    return scale, Beside(float(np.std(weights)), np.abs(correction.mean), np.abs(correction.sd - 1.0))
+    return scale, DensityDifference(float(np.std(weights)), np.abs(correction.mean), np.abs(correction.sd - 1.0))

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from structid.certification.limits import Limits
 
 
-class Beside(NamedTuple):
+class DensityDifference(NamedTuple):
     """Average difference from q of densities that have not seen some draws."""
 
     variation: float = 0.0  # coefficient of variation of their density over that of q
@@ -22,7 +22,7 @@ class Beside(NamedTuple):
     sd: Float[np.ndarray, " parameter"] = np.zeros(1)
 
     @classmethod
-    def average(cls, some: Sequence[Beside]) -> Beside:
+    def average(cls, some: Sequence[DensityDifference]) -> DensityDifference:
         """Average over several densities; the triangle inequality holds for each, and so for the average."""
         parts = [np.mean(part, axis=0) for part in zip(*some, strict=True)]
         return cls(float(parts[0]), *parts[1:])
@@ -32,12 +32,12 @@ class Beside(NamedTuple):
         return {f"beside_{name}": np.asarray(value) for name, value in self._asdict().items()}
 
     @classmethod
-    def of(cls, entry: Mapping[str, np.ndarray]) -> Beside:
+    def of(cls, entry: Mapping[str, np.ndarray]) -> DensityDifference:
         """Rebuild from a journal entry, which may contain more."""
         return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
-THEMSELVES = Beside()
+THEMSELVES = DensityDifference()
 """The difference of q from itself."""
 
 
@@ -56,7 +56,7 @@ class FreshDraws:
     highest: float  # largest log q among them
     # Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing
     impossible: Bool[np.ndarray, " draw"] | None = None
-    beside: Beside = THEMSELVES  # average difference from q of the densities behind `log_drawn`
+    difference: DensityDifference = THEMSELVES  # average difference from q of the densities behind `log_drawn`
     # Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there
     missing: float = 0.0
 

@@ -24,7 +24,7 @@ NOISE = 0.01
 """Difference of log densities at one point above which a model is considered noisy [nat]."""
 
 
-class TrueRuns:
+class ModelRuns:
     """Points, and the model's responses there to every record."""
 
     def __init__(

@@ -61,7 +61,7 @@ class MonteCarloError:
             return ()
         return (
             f"there are too few draws: they count as {self.size:.0f} independent ones, so that {kind} of {names[worst]} over them "
-            f"may be {off[worst]} from that of their law (Monte Carlo error), and {allowed} is allowed; draw "
+            f"may be {off[worst]} from that of their density (Monte Carlo error), and {allowed} is allowed; draw "
             f"{max(times[worst] ** 2, 1.1):.2g} times as many",
         )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.model_runs import Tell, TrueRuns, noise_doubts
+from structid.certification.model_runs import ModelRuns, Tell, noise_doubts
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
 
@@ -18,7 +18,7 @@ class Truth:
 
     def __init__(self, posterior: Target, folder: Path | None, executor: Any, tell: Tell | None) -> None:
         self.posterior, self.folder, self.executor, self.tell = posterior, folder, executor, tell
-        self.runs: TrueRuns | None = None
+        self.runs: ModelRuns | None = None
         self.theta = np.empty((0, posterior.dimension))
         self.log_density = np.empty(0)
         self.count = 0
@@ -46,7 +46,7 @@ class Truth:
             return np.asarray(self.posterior.log_density(theta))
         points = np.asarray(self.posterior.model_parameters(theta))
         if self.runs is None:
-            self.runs = TrueRuns(self.posterior, points, self.folder, self.executor, self.tell)
+            self.runs = ModelRuns(self.posterior, points, self.folder, self.executor, self.tell)
             self.runs.make()
             self.runs.refuse_rest()
         else:

@@ -149,10 +149,10 @@ def finish(outcome: StudyOutcome) -> None:
         if outcome.runs is not None and not outcome.runs.done.any():
             raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
         return
-    from structid.report.page_summary import headline
+    from structid.report.page_summary import page_summary
 
     assert outcome.material is not None
-    screen.print(str(headline(outcome.material)), markup=False, soft_wrap=True)
+    screen.print(str(page_summary(outcome.material)), markup=False, soft_wrap=True)
     screen.print()
     if outcome.law_choice is not None:
         screen.print(outcome.law_choice.sentence, markup=False, soft_wrap=True)

@@ -30,7 +30,7 @@ KINDS = {
     "Posterior": ("observations", "a structid.Posterior"),
     "Excitation": ("duration", "a structid.GroundMotion, ForceHistory or DisplacementHistory"),
     "Observation": ("check_new", "a structid.Observation"),
-    "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
+    "ErrorModel": ("added", "an error model such as structid.AR1()"),
     "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
     "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
     "Limits": ("confidence_of", "a structid.Limits such as Limits(mean=0.05)"),
@@ -303,6 +303,8 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     checks = {name: _Check.of(_spelt_out(p.annotation, function)) for name, p in parameters.items()}
     checks = {name: check for name, check in checks.items() if not check.refuses_nothing()}
     in_order = tuple(every)
+    by_position = [p for p in every.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    unlimited = any(p.kind is p.VAR_POSITIONAL for p in every.values())
     needed = [
         name
         for name, p in parameters.items()
@@ -320,6 +322,15 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
                 raise InputError(
                     f"{called}({name})", "an argument that it does not have", ", ".join(names) or "none", cure
                 )
+        if len(arguments) > len(by_position) and not unlimited:
+            few = len(by_position) - sum(name in every for name in ("self", "cls"))
+            extra = len(arguments) - len(by_position)
+            raise InputError(
+                called,
+                f"{few + extra} arguments without a name",
+                f"at most {few}",
+                f"Name the others: {', '.join(names[few:])}.",
+            )
         placed = [check(name, value) for name, value in zip(in_order, arguments, strict=False)]
         given = {name: check(name, value) for name, value in named.items()}
         missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]

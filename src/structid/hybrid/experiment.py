@@ -21,7 +21,7 @@ from structid.hybrid.control.transfer_system import Actuator
 from structid.hybrid.coupling.base import CoarseStep, Coupling, Joined
 from structid.hybrid.coupling.partitioned_run import StepFrame, base_of, steps_over
 from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.feasibility import Feasibility, Plan, VirtualMoves, judged
+from structid.hybrid.feasibility import Feasibility, Plan, VirtualMoves, check_feasibility
 from structid.hybrid.hybrid_result import Event, HybridResult
 from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.laboratory.specimen import Specimen, SpecimenDescription, SpecimenError
@@ -213,7 +213,7 @@ class HybridTest:
         with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
             virtual = self._virtual_moves(coupled, base)
         plan = Plan(coupled, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
-        return judged(plan, virtual, (len(base) - 1) // coupled.substeps)
+        return check_feasibility(plan, virtual, (len(base) - 1) // coupled.substeps)
 
     def _virtual_moves(self, coupled: Joined, base: np.ndarray) -> VirtualMoves:
         """Expected moves of the specimen, with the expected force.

@@ -141,7 +141,7 @@ def spurious_damping(plan: Plan) -> float:
     return min(float(f.damping_ratios.min(initial=0.0)) for f in dampings)
 
 
-def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
+def check_feasibility(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
     """Check a test by a virtual run."""
     whole = WholeStructure.of(plan.joined)
     delay = max(channel.delay for channel in plan.description.channels)

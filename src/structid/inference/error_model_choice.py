@@ -13,9 +13,10 @@ import numpy as np
 from structid.core.errors import ConvergenceError, InputError
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
+from structid.core.renamed import renamed_argument, renamed_attribute
 from structid.core.streams import Purpose, derived_seed
 from structid.core.validation import check_arguments
-from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.drifting import Drifting
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1, DampedCosine
@@ -41,22 +42,22 @@ ERRORS_APART = 2.0
 _log = logging.getLogger(__name__)
 
 
-def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
+def usual_error_models(model: Model) -> tuple[ErrorModel, ...]:
     """List the error models worth trying, simplest first."""
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
 
 
 @dataclass(frozen=True, eq=False)
-class LawChoice(ShownAsText):
-    """Laws of the errors, and what the data say of each.
+class ErrorModelChoice(ShownAsText):
+    """Error models, and what the data say of each.
 
     Parameters
     ----------
     results : tuple of SamplingResult
-        Draws under each law, the simplest law first.
+        Draws under each error model, the simplest first.
     added_only : bool
-        Whether laws with errors inside the model are passed over, because their hidden values could not be sampled reliably.
+        Whether errors inside the model are passed over, because their hidden values could not be sampled reliably.
     remark : str
         A further sentence on the choice.
     """
@@ -66,9 +67,11 @@ class LawChoice(ShownAsText):
     remark: str = ""
 
     @property
-    def laws(self) -> tuple[str, ...]:
+    def error_models(self) -> tuple[str, ...]:
         """Names of the error models."""
-        return tuple(_in_words(_posterior(r).law) for r in self.results)
+        return tuple(_in_words(_posterior(r).error_model) for r in self.results)
+
+    laws = renamed_attribute("laws", "error_models")
 
     @property
     def evidences(self) -> tuple[Evidence, ...]:
@@ -81,7 +84,7 @@ class LawChoice(ShownAsText):
         allowed = {
             index: e
             for index, e in enumerate(self.evidences)
-            if not (self.added_only and _posterior(self.results[index]).law.inside)
+            if not (self.added_only and _posterior(self.results[index]).error_model.inside)
         }
         best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
         return next(
@@ -103,11 +106,11 @@ class LawChoice(ShownAsText):
         """The choice, and what it implies for the model."""
         if self.added_only:
             return (
-                f"{self.laws[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, but their "
-                "hidden values could not be sampled reliably: independent populations disagree."
+                f"{self.error_models[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, "
+                "but their hidden values could not be sampled reliably: independent populations disagree."
             )
         choice = self.said
-        if not self.posterior.law.inside:
+        if not self.posterior.error_model.inside:
             return choice
         drift = ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)
         return " ".join(filter(None, (choice, drift, self.remark)))
@@ -115,7 +118,7 @@ class LawChoice(ShownAsText):
     @property
     def said(self) -> str:
         """The choice, with its margin."""
-        return f"The data choose {self.laws[self.chosen]}{self._margin}."
+        return f"The data choose {self.error_models[self.chosen]}{self._margin}."
 
     @property
     def _margin(self) -> str:
@@ -127,45 +130,46 @@ class LawChoice(ShownAsText):
         ahead = self.evidences[self.chosen] - self.evidences[next_best]
         if ahead.value >= 0.0:
             nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
-            return f", {nats} ± {ahead.error:.1f} nats ahead of {self.laws[next_best]}"
-        return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
+            return f", {nats} ± {ahead.error:.1f} nats ahead of {self.error_models[next_best]}"
+        return f", which is simpler than {self.error_models[next_best]} and within the errors of its evidence"
 
     def __str__(self) -> str:
-        width = max(len(law) for law in self.laws)
+        width = max(len(error_model) for error_model in self.error_models)
         lines = [self.sentence, "".ljust(width) + "   log evidence"]
-        for index, (law, evidence) in enumerate(zip(self.laws, self.evidences, strict=True)):
+        for index, (error_model, evidence) in enumerate(zip(self.error_models, self.evidences, strict=True)):
             mark = "  <" if index == self.chosen else ""
-            lines.append(f"{law.ljust(width)}{evidence.value:12.1f} ± {evidence.error:.1f}{mark}")
+            lines.append(f"{error_model.ljust(width)}{evidence.value:12.1f} ± {evidence.error:.1f}{mark}")
         return "\n".join(lines)
 
 
+@renamed_argument(laws="error_models")
 @check_arguments
-def choose_law(
+def choose_error_model(
     space: ParameterSpace,
     model: Model,
     observations: Observation | Sequence[Observation],
-    laws: Sequence[ErrorLaw] | None = None,
+    error_models: Sequence[ErrorModel] | None = None,
     *,
     sampler: SMC = EXPLORER,
     seed: int = 0,
     map: Map | None = None,
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
-) -> LawChoice:
-    """Choose the law of the errors by its evidence.
+) -> ErrorModelChoice:
+    """Choose the error model by its evidence.
 
     Parameters
     ----------
     space : ParameterSpace
         The model's unknown parameters and their priors.
     model : Model
-        The model, or a surrogate of it: the posterior under each law is sampled, with tens of thousands of runs.
+        The model, or a surrogate of it: the posterior under each error model is sampled, with tens of thousands of runs.
     observations : Observation or sequence of Observation
         What was measured.
-    laws : sequence of ErrorLaw, optional
-        The laws to choose among, the simplest first; `usual_laws` when left out.
+    error_models : sequence of ErrorModel, optional
+        The error models to choose among, the simplest first; `usual_error_models` when left out.
     sampler : SMC
-        Particles under each law.
+        Particles under each error model.
     seed : int
         Seed.
     map : callable, optional
@@ -173,37 +177,40 @@ def choose_law(
     progress : callable, optional
         Called with the percentage done and 100.
     store : path-like, optional
-        A folder for the draws under each law, from which a killed choice goes on.
+        A folder for the draws under each error model, from which a killed choice goes on.
 
     Returns
     -------
-    LawChoice
-        ``print`` it; ``.posterior`` has the chosen law.
+    ErrorModelChoice
+        ``print`` it; ``.posterior`` has the chosen error model.
 
     Raises
     ------
     InputError
         If there is nothing to choose among.
     ConvergenceError
-        If no law has an evidence.
+        If no error model has an evidence.
     """
-    return choose_among(Posterior(space, model, observations, map=map), laws, sampler, seed, progress, store)
+    return choose_among(Posterior(space, model, observations, map=map), error_models, sampler, seed, progress, store)
 
 
 def choose_among(
     posterior: Posterior,
-    laws: Sequence[ErrorLaw] | None = None,
+    error_models: Sequence[ErrorModel] | None = None,
     sampler: SMC = EXPLORER,
     seed: int = 0,
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
-) -> LawChoice:
-    """Choose the error model of a posterior; see `choose_law`."""
-    if laws is not None and not laws:
-        raise InputError("choose_law(laws)", "none", "one law or more")
-    under = [posterior.on(law=law) for law in (usual_laws(posterior.model) if laws is None else laws)]
-    if laws is None:  # a model that drifts outside the compiled lanes takes minutes
-        under = [each for each in under if each.in_lanes or not each.law.inside]
+) -> ErrorModelChoice:
+    """Choose the error model of a posterior; see `choose_error_model`."""
+    if error_models is not None and not error_models:
+        raise InputError("choose_error_model(error_models)", "none", "one or more")
+    under = [
+        posterior.on(error_model=error_model)
+        for error_model in (usual_error_models(posterior.model) if error_models is None else error_models)
+    ]
+    if error_models is None:  # a model that drifts outside the compiled lanes takes minutes
+        under = [each for each in under if each.in_lanes or not each.error_model.inside]
     results, folder = [], None if store is None else Path(store)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -216,8 +223,8 @@ def choose_among(
 
         results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=told))
     if not any(np.isfinite(_evidence(r).value) for r in results):
-        raise ConvergenceError("No law has an evidence: every simulation at draws of the prior fails.")
-    choice = LawChoice(tuple(results))
+        raise ConvergenceError("No error model has an evidence: every simulation at draws of the prior fails.")
+    choice = ErrorModelChoice(tuple(results))
     _log.info("%s", choice.said)
     return choice
 
@@ -232,7 +239,7 @@ def _evidence(result: SamplingResult) -> Evidence:
     return result.log_evidence
 
 
-def _in_words(law: ErrorLaw) -> str:
+def _in_words(error_model: ErrorModel) -> str:
     """Name of an error model, with the added errors where there are others inside the model."""
-    word = str(law.describe()["kind"]).replace("_", " ")
-    return f"{word} parameters + {_in_words(law.added)}" if law.inside else word
+    word = str(error_model.describe()["kind"]).replace("_", " ")
+    return f"{word} parameters + {_in_words(error_model.added)}" if error_model.inside else word

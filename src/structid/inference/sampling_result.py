@@ -283,7 +283,7 @@ class SamplingResult(ShownAsText):
             warnings=(*(warned.said for warned in against_priors), *self._warnings(best.unexplained)),
             against_priors=against_priors,
             wrong_model=() if failures else tuple(wrong_model(best, self.drift, self.mean)),
-            wrong_law=() if best.of_another_size else tuple(self._wrong_law()),
+            wrong_error_model=() if best.of_another_size else tuple(self._wrong_error_model()),
             parameters=self._diagnostics,
             acceptance=accepted.mean(axis=0),
             stuck=stuck,
@@ -334,7 +334,7 @@ class SamplingResult(ShownAsText):
             warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
         return warnings
 
-    def _wrong_law(self) -> list[str]:
+    def _wrong_error_model(self) -> list[str]:
         """Residuals that the error model does not describe."""
         if self._measured is None or self._convergence[1]:
             return []
@@ -342,7 +342,7 @@ class SamplingResult(ShownAsText):
         ratios = (
             None if self.robust_sd is None else dict(zip(self.names[:count], self.robust_sd / self.sd, strict=False))
         )
-        return residual_warnings(self.residuals, self._measured.law, ratios)
+        return residual_warnings(self.residuals, self._measured.error_model, ratios)
 
     @check_arguments
     def predict(

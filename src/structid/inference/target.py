@@ -322,7 +322,9 @@ class LogDensity(Target):
     def _values(self, theta: np.ndarray) -> np.ndarray:
         """Values of the function, (run,)."""
         value = real_array("LogDensity.function", self._function(theta), "log densities")
-        if len(theta) == 1 and value.ndim == 0:  # SciPy's multivariate laws leave the axis of a single point out
+        if (
+            len(theta) == 1 and value.ndim == 0
+        ):  # SciPy's multivariate distributions leave the axis of a single point out
             value = value[None]
         value = value[:, 0] if value.shape == (len(theta), 1) else value
         if value.shape != (len(theta),):

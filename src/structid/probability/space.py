@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy
@@ -12,6 +12,7 @@ import scipy
 from structid.core.errors import InputError, suggestion
 from structid.core.hashing import digest, function_identity
 from structid.core.notebook import ShownAsText
+from structid.core.renamed import warn_of
 from structid.core.units import factor
 from structid.core.validation import COORDINATES, check_arguments, check_name
 from structid.probability import copula
@@ -27,6 +28,9 @@ class ParameterSpace(ShownAsText):
 
     Parameters
     ----------
+    priors : mapping of str to Marginal, optional
+        One distribution for each parameter. A name that is no Python name, or one of the arguments below, needs this form:
+        ``ParameterSpace({"derived": Normal(…)})``.
     correlation : mapping of pair of str to float, or ndarray (parameter, parameter), optional
         Correlation of the Gaussian copula: ``{("stiffness", "alpha"): 0.4}`` or the whole matrix.
     derived : mapping of str to callable or str, optional
@@ -36,7 +40,7 @@ class ParameterSpace(ShownAsText):
         Functions of the parameters, in the same words, in which surrogates of a model are fitted where the response depends on
         them more simply: ``{"log_stiffness": "log(strength**2 / energy)"}``. They change nothing else.
     **marginals : Marginal
-        One distribution for each parameter.
+        Further parameters by name.
 
     Examples
     --------
@@ -48,16 +52,26 @@ class ParameterSpace(ShownAsText):
 
     def __init__(
         self,
+        priors: Mapping[str, Marginal] | None = None,
+        /,
+        *,
         correlation: Mapping[tuple[str, str], float] | np.ndarray | None = None,
         derived: Mapping[str, Derivation | str] | None = None,
         coordinates: Mapping[str, Derivation | str] | None = None,
         **marginals: Marginal,
     ) -> None:
-        if any(isinstance(of, Marginal) for of in _held_by(correlation)):
-            raise InputError(
-                "ParameterSpace", "priors in a dictionary or a list", "priors by name: ParameterSpace(stiffness=Normal(…), …)",
-                "A dictionary of them is unpacked: ParameterSpace(**priors).",
-            )  # fmt: skip
+        if _is_correlation(priors) and correlation is None:
+            warn_of("ParameterSpace({('a', 'b'): 0.3}, …)", "ParameterSpace(correlation={('a', 'b'): 0.3}, …)")
+            priors, correlation = None, cast(Any, priors)
+        marginals = _by_name(priors, marginals)
+        for name, argument in (("correlation", correlation), ("derived", derived), ("coordinates", coordinates)):
+            if isinstance(argument, Marginal):
+                raise InputError(
+                    f"ParameterSpace({name})",
+                    "a prior",
+                    "an argument of this name",
+                    f"Give a parameter of this name in a dictionary: ParameterSpace({{'{name}': …}}).",
+                )
         for name in (*marginals, *(derived or {}), *(coordinates or {})):
             check_name("ParameterSpace", name, COORDINATES)
         for name, marginal in marginals.items():
@@ -158,7 +172,7 @@ class ParameterSpace(ShownAsText):
         )
         correlation = None if plain["correlation"] is None else np.array(plain["correlation"])
         marginals = {n: Marginal.from_plain(m) for n, m in plain["marginals"].items()}
-        return cls(correlation, derived, coordinates, **marginals)
+        return cls(marginals, correlation=correlation, derived=derived, coordinates=coordinates)
 
     def extended(self, **marginals: Marginal) -> ParameterSpace:
         """Return this space with additional, independent parameters.
@@ -181,7 +195,10 @@ class ParameterSpace(ShownAsText):
             correlation = np.eye(self.dimension + len(marginals))
             correlation[: self.dimension, : self.dimension] = self._correlation
         return ParameterSpace(
-            correlation, self._derived_source, self._coordinate_source, **{**self.marginals, **marginals}
+            {**self.marginals, **marginals},
+            correlation=correlation,
+            derived=self._derived_source,
+            coordinates=self._coordinate_source,
         )
 
     @property
@@ -420,8 +437,27 @@ class ParameterSpace(ShownAsText):
         return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
 
 
-def _held_by(correlation: object) -> tuple[object, ...]:
-    """Values of a mapping or a sequence."""
-    if isinstance(correlation, Mapping):
-        return tuple(correlation.values())
-    return tuple(correlation) if isinstance(correlation, (list, tuple)) else ()
+def _is_correlation(priors: object) -> bool:
+    """Whether a first argument is a correlation, which once came first."""
+    if isinstance(priors, Mapping):
+        return bool(priors) and all(isinstance(pair, tuple) for pair in priors)
+    rows = priors if isinstance(priors, (list, tuple)) else ()
+    return isinstance(priors, np.ndarray) or (
+        bool(rows) and all(isinstance(row, (list, tuple, np.ndarray)) for row in rows)
+    )
+
+
+def _by_name(priors: object, marginals: dict[str, Marginal]) -> dict[str, Marginal]:
+    """The priors of a dictionary and of keywords together."""
+    if priors is None:
+        return marginals
+    if not isinstance(priors, Mapping) or not all(isinstance(name, str) for name in priors):
+        raise InputError(
+            "ParameterSpace",
+            "a first argument that is no dictionary of priors",
+            "priors by name: ParameterSpace(stiffness=Normal(…), …) or ParameterSpace({'stiffness': Normal(…), …})",
+            "A correlation is given by its name: correlation=…",
+        )
+    if repeated := sorted(set(priors) & set(marginals)):
+        raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "a name once", "Rename one of them.")
+    return {**priors, **marginals}

@@ -12,7 +12,7 @@ from structid.core.errors import InputError
 from structid.core.progress import Progress
 from structid.core.validation import check_arguments
 from structid.ground_motion.record import GroundMotion
-from structid.inference.error_model_choice import LawChoice
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
@@ -34,7 +34,7 @@ def write_report(
     other_records: Sequence[GroundMotion] = (),
     channels: Sequence[str] = (),
     true_values: dict[str, float] | None = None,
-    law_choice: LawChoice | None = None,
+    law_choice: ErrorModelChoice | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write ``report.html`` of a calibration: one file, with verdict, numbers and figures, as ``structid run`` writes it.
@@ -53,8 +53,8 @@ def write_report(
         What is predicted for them; what was measured when left out.
     true_values : dict of str to float, optional
         True parameters in SI, of a virtual experiment.
-    law_choice : LawChoice, optional
-        Of `choose_law`; a calibration has its own.
+    law_choice : ErrorModelChoice, optional
+        Of `choose_error_model`; a calibration has its own.
     progress : callable, optional
         Called with the number of figures drawn and the total.
 
@@ -81,7 +81,7 @@ def _material(
     other_records: tuple[GroundMotion, ...],
     channels: tuple[str, ...],
     true_values: dict[str, float],
-    law_choice: LawChoice | None,
+    law_choice: ErrorModelChoice | None,
 ) -> PosteriorMaterial:
     calibration = result if isinstance(result, CalibrationResult) else None
     sampling: SamplingResult = result if calibration is None else calibration.sampling  # type: ignore[assignment]
@@ -99,7 +99,7 @@ def _material(
     choice = law_choice if calibration is None else calibration.law_choice
     return PosteriorMaterial(
         title=title,
-        settings=f"{posterior.model}\n\n{posterior.model_space}\n\n{posterior.law}",
+        settings=f"{posterior.model}\n\n{posterior.model_space}\n\n{posterior.error_model}",
         runs=None if calibration is None else calibration.runs,
         surrogate=by_itself if calibration is None else calibration.surrogate,
         result=sampling,

@@ -19,7 +19,7 @@ from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.material.comparison_material import ComparisonMaterial
 from structid.report.material.material import PosteriorMaterial, RunsMaterial
 from structid.report.material.programme_material import ProgrammeMaterial
-from structid.report.page_summary import comparison_headline, headline
+from structid.report.page_summary import comparison_summary, page_summary
 from structid.report.section import NEAREST
 from structid.report.tables import percent, versions_table
 
@@ -40,14 +40,14 @@ def write_posterior_report(
         folder,
         title=material.title,
         sentence=sentence(material),
-        headline=headline(material),
+        summary_of_page=page_summary(material),
         verdict=material.result.verdict(),
         cost=material.result.cost,
         calibration=material.calibration,
         nearest=NEAREST,
         doubt=_doubt(material.result.verdict()),
         independent=discrepancy.independent,
-        law=material.posterior.law.describe()["kind"].replace("_", " "),
+        error_model=material.posterior.error_model.describe()["kind"].replace("_", " "),
         has_truth=bool(material.true_values),
         parameters=material.posterior.names,
         exp=np.exp,
@@ -117,7 +117,7 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
 
 def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progress | None = None) -> Path:
     """Write ``comparison.html``: a comparison of model classes of one measurement."""
-    believed, further = comparison_headline(material)
+    believed, further = comparison_summary(material)
     observations, count = material.observations, len(material.classes)
     channels, records = (
         ", ".join(dict.fromkeys(names))
@@ -134,7 +134,7 @@ def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progr
         believed=believed,
         further=further,
         best=material.best,
-        best_found=headline(material.best.material),
+        best_found=page_summary(material.best.material),
         sections=_shown(draw(section_list.OF_A_COMPARISON, material, folder / "figures", progress), material),
         run=versions_table({}),
     )

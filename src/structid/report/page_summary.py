@@ -36,7 +36,7 @@ class Believed:
 
 
 @dataclass(frozen=True)
-class Headline(ShownAsText):
+class PageSummary(ShownAsText):
     """The summary."""
 
     parameters: list[LearntParameter]  # parameters of the model
@@ -87,13 +87,13 @@ class Headline(ShownAsText):
         return max((b.trust for b in self.believed), key=ORDER.index)
 
 
-def headline(material: PosteriorMaterial) -> Headline:
+def page_summary(material: PosteriorMaterial) -> PageSummary:
     """Build the summary."""
     parameters = learnt_parameters(material)
-    return Headline(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
+    return PageSummary(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
 
 
-def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:
+def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:
     """Build the summary of a comparison."""
     believed = [_of_a_class(one) for one in material.classes]
     unfinished = [one.name for one in material.classes if not one.figures.trusted]
@@ -157,8 +157,8 @@ def _model(material: PosteriorMaterial) -> list[Believed]:
     left = f"its best prediction leaves {percent(verdict.unexplained)} of the measured variance unexplained"
     if verdict.wrong_model:
         return [Believed("Model", "bad", f"wrong for these data; {left}")]
-    if verdict.wrong_law:
-        return [Believed("Model", "doubtful", f"the errors are not what their law says; {left}")]
+    if verdict.wrong_error_model:
+        return [Believed("Model", "doubtful", f"the errors are not what their error model assumes; {left}")]
     return [Believed("Model", "good", f"nothing speaks against it; {left}")]
 
 
@@ -220,8 +220,8 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
         )
         if any(p.elsewhere is not None for p in parameters):
             sentences.append("Until then use the intervals for another record; they allow for what the model lacks.")
-    elif verdict.wrong_law:
-        sentences.append("Let the data choose the law of the errors: leave [discrepancy] out of the study.")
+    elif verdict.wrong_error_model:
+        sentences.append("Let the data choose the error model: leave [discrepancy] out of the study.")
     if _hardly_known(parameters):
         sentences.append(
             "To learn more of what the data say little of, measure another channel or a stronger motion, or take its prior "

@@ -64,7 +64,7 @@ class Section(Generic[M]):
     words : callable
         Its paragraphs, before the tables.
     under_doubt : str
-        What the reader must know here where model or law are wrong for the data; empty for a section that this does not concern.
+        What the reader must know here where model or error model are wrong for the data; empty where this does not matter.
     of_draws : bool
         Whether it shows draws, which are worth nothing where the sampler has not converged.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from structid.calibration.plan import Plan
 from structid.core.errors import InputError, Status
 from structid.core.streams import Purpose, stream
-from structid.inference.error_model_choice import EXPLORER, usual_laws
+from structid.inference.error_model_choice import EXPLORER, usual_error_models
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Sampler
 from structid.study.building.built_study import BuiltStudy
@@ -29,7 +29,7 @@ SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
 """Runs of a search from each start, and number of joint linearisations, in the benchmark studies."""
 OVERHEAD = 0.4e-6
 """Time of a sampler itself per move and parameter [s]."""
-SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the law of the errors": 4.0, "sampling": 15.0}
+SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the error model": 4.0, "sampling": 15.0}
 """Durations of surrogate steps in the benchmark study with 4001 samples [s]. A surrogate's own speed is known after its fit."""
 BENCHMARK_SAMPLES = 4001
 """Samples of the benchmark study's record."""
@@ -142,7 +142,7 @@ def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Co
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
-    parts, under = [], _under_usual_laws(study)
+    parts, under = [], _under_usual_error_models(study)
     for part in _parts(study, under, each, batch):
         parts.append(part)
         if tell is not None:
@@ -153,7 +153,7 @@ def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Co
         more = longest - usual  # where a calibration uses its whole budget [s]
     elif study.posterior is not None and not study.posterior.costs_runs:
         # The data may choose drifting parameters, if they can be sampled in lanes.
-        drifting = next((of for of in under if of.law.inside and of.in_lanes), None)
+        drifting = next((of for of in under if of.error_model.inside and of.in_lanes), None)
         otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
     at_most = _sum(parts) + more if more else None
     return Cost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
@@ -221,8 +221,8 @@ def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
     parts = [Part("Fitting the surrogate", SURROGATE["fitting"] * rounds * longer)]
     if study.plan is not None:
         parts.append(Part("Exploring its posterior", SURROGATE["exploring"] * rounds * longer))
-    if study.law_is_open:
-        what = "choosing the law of the errors"
+    if study.error_model_is_open:
+        what = "choosing the error model"
         parts.append(Part(what.capitalize(), SURROGATE[what] * longer * harder))
     return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer * harder)]
 
@@ -239,20 +239,20 @@ def _sum(parts: Iterable[Part]) -> float:
     return sum(part.seconds for part in parts)
 
 
-def _under_usual_laws(study: BuiltStudy) -> list[Posterior]:
+def _under_usual_error_models(study: BuiltStudy) -> list[Posterior]:
     """The posterior under each error model, where the data choose and the model itself is sampled."""
     posterior = study.posterior
-    if posterior is None or not study.law_is_open or study.has_surrogate or posterior.costs_runs:
+    if posterior is None or not study.error_model_is_open or study.has_surrogate or posterior.costs_runs:
         return []
-    return [study.sampled.on(law=law) for law in usual_laws(study.model)]
+    return [study.sampled.on(error_model=error_model) for error_model in usual_error_models(study.model)]
 
 
 def _choice(under: Sequence[Posterior]) -> list[Part]:
     """The choice of the error model, with a sampling run for each."""
     if not under:
         return []
-    tried = [of for of in under if of.in_lanes or not of.law.inside]
-    return [Part("Choosing the law of the errors", sum(_sampling(of, EXPLORER).seconds for of in tried))]
+    tried = [of for of in under if of.in_lanes or not of.error_model.inside]
+    return [Part("Choosing the error model", sum(_sampling(of, EXPLORER).seconds for of in tried))]
 
 
 def _sampling(posterior: Posterior, sampler: Sampler) -> Part:

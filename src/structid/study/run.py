@@ -12,7 +12,7 @@ from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runs import Runs
 from structid.campaign.store import CAMPAIGN_RUNS, open_runs
 from structid.core.errors import StructidWarning
-from structid.inference.error_model_choice import LawChoice
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
@@ -41,7 +41,7 @@ class StudyOutcome:
     runs: Runs | None = None  # runs of the campaign
     surrogate: Surrogate | None = None  # the validated surrogate
     calibration: CalibrationResult | None = None  # certificate and rounds
-    law_choice: LawChoice | None = None  # error model chosen by the data
+    law_choice: ErrorModelChoice | None = None  # error model chosen by the data
     parameter_study: ParameterStudy | None = None  # results of runs over the priors
     # The probability of a passage or of a failure for records of rising strength, where the study asks for it
     fragility: Fragility | None = None

@@ -83,7 +83,7 @@ def coordinate_design(design: Design) -> Design:
                 f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a coordinate that is finite and varies"
             )
     ranges = {n: Uniform(float(a), float(b)) for n, a, b in zip(space.coordinates, low, high, strict=True)}
-    return Design(values, ParameterSpace(None, None, None, **ranges))
+    return Design(values, ParameterSpace(ranges))
 
 
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.inference.error_models.base import Discrepancy
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.probability.marginals import Uniform
 
 
@@ -51,4 +51,4 @@ class Laplace(Discrepancy):
         return {"kind": "laplace", "floor": self.floor}
 
 
-KIND = LawKind(Laplace, "laplace", {}, {"floor": (float, 0.0)})
+KIND = ErrorModelKind(Laplace, "laplace", {}, {"floor": (float, 0.0)})

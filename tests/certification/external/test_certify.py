@@ -137,7 +137,7 @@ def test_values_that_cannot_tell():
 
 
 def chains(tau, count, steps, seed):
-    """Of the normal law itself, with the autocorrelation time τ: first-order autoregressive, begun long before."""
+    """Of the normal density itself, with the autocorrelation time τ: first-order autoregressive, begun long before."""
     rho, rng = (tau - 1.0) / (tau + 1.0), np.random.default_rng(seed)
     noise = np.sqrt(1.0 - rho**2) * rng.standard_normal((count, steps + 20 * tau, 3))
     return TRUTH + SDS * scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=1)[:, 20 * tau :]
@@ -194,7 +194,7 @@ def test_a_known_point_above_the_draws():
 
 
 def test_a_law_that_was_cut_off():
-    """Where q has no density, none of its draws comes; draws of the wider law do, and the model finds something there."""
+    """Where q has no density, none of its draws comes; draws of the wider density do, and the model finds something there."""
     some = draws()
     some = some[some[:, 0] > TRUTH[0]]
 
@@ -213,7 +213,7 @@ def within(depth, density):
 
 @pytest.mark.parametrize(("depth", "good"), [(4.0, False), (7.0, True), (9.5, True)])
 def test_what_a_density_excludes_all_around_is_in_the_bounds(depth, good):
-    """Of a normal law, exactly P(χ²₃ > 2h) is missing, and its variance is P(χ²₅ < 2h)/P(χ²₃ < 2h) of what it was."""
+    """Of a normal density, exactly P(χ²₃ > 2h) is missing, and its variance is P(χ²₅ < 2h)/P(χ²₃ < 2h) of what it was."""
     some = draws(count=20_000)
     some = some[np.isfinite(within(depth, normal())(some))]
     edge = TRUTH + SDS * np.sqrt(2.0 * depth + 0.1) * np.eye(3)
@@ -236,7 +236,7 @@ def test_a_mode_that_a_density_excludes():
     found = si.certify(target, draws(), within(30.0, normal()), known=(low[None], two(low[None])))
     assert not found.certified and "a valley of the posterior divides the draws" in str(found), str(found)
     # Of a density that is nowhere zero the same run is simply one that it understates.
-    assert "that was drawn: it misses a part" in str(
+    assert "the drawn density: it misses a part" in str(
         si.certify(target, draws(), normal(), known=(low[None], two(low[None])))
     )
 
@@ -254,7 +254,7 @@ def on_the_ridge(count=8000, seed=1):
 
 @pytest.mark.parametrize(("end", "good"), [(1.4, False), (3.2, True), (np.inf, True)])
 def test_a_bent_ridge_whose_end_is_missing(end, good):
-    """A wider law that is not bent, too, would look for the rest beside the ridge; without its 0.1 % beyond 3.2 it passes."""
+    """A wider density that is not bent, too, would look for the rest beside the ridge; without its 0.1 % beyond 3.2 it passes."""
     bounds = {"a": (-10.0, 10.0), "b": (-30.0, 60.0)}
     space = si.ParameterSpace(**{name: si.Uniform(*pair) for name, pair in bounds.items()})
     some = on_the_ridge()
@@ -269,7 +269,7 @@ def test_a_bent_ridge_whose_end_is_missing(end, good):
 
 
 def test_a_law_whose_density_falls_too_fast():
-    """Exponents that no computer has: what is left of q where the wider law goes is zero, and the model is not there either."""
+    """Exponents that no computer has: what is left of q where the wider density goes is zero, and the model is not there either."""
     narrow = draws(sd=0.02 * SDS)
     found = si.certify(posterior(), narrow, normal(sd=0.02 * SDS))
     assert not found.certified and not np.isnan(found.variation.estimate)

@@ -95,7 +95,7 @@ def test_robust_and_plain_agree_where_the_law_is_right_and_not_where_it_is_wrong
             found.append((result.robust_sd / result.sd)[0])  # of the stiffness, which the data see best
             correlated = whitened_residuals(posterior, result.map_estimate)[0].correlated
             assert correlated == (kind == "correlated")
-            told = [w for w in result.verdict().wrong_law if "independent errors" in w]
+            told = [w for w in result.verdict().wrong_error_model if "independent errors" in w]
             assert len(told) == (kind == "correlated") and all("damped_cosine" in w for w in told)
         ratios[kind] = float(np.sqrt(np.mean(np.square(found))))
     frequency, dt = np.sqrt(7.0e6 / 12_000.0) / (2.0 * np.pi), short_posterior.observations[0].record.dt

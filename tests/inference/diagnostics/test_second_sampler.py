@@ -7,15 +7,15 @@ import pytest
 import scipy.stats
 
 import structid as si
-from structid.inference.diagnostics.second_sampler import represented as compared
+from structid.inference.diagnostics.second_sampler import check_representation
 
 normal = scipy.stats.norm.logpdf
 SAMPLER = si.SMC(particles=400, steps=40, effective_share=0.5, correlation=0.3)
 BOX = (-10.0, 10.0)
 
 
-def represented(drawn, known, seed):
-    return compared(drawn.target, drawn.kept, known, seed, evidence=drawn.log_evidence)
+def compared(drawn, known, seed):
+    return check_representation(drawn.target, drawn.kept, known, seed, evidence=drawn.log_evidence)
 
 
 def boxed(density, dimension):
@@ -40,7 +40,7 @@ NOTHING_KNOWN = np.empty((0, 4))
 @pytest.mark.parametrize("seed", range(5))
 def test_good_draws_of_one_mode_raise_no_alarm(seed):
     drawn = si.sample(boxed(lambda x: normal(x, 1.0, 0.3).sum(axis=1), 4), SAMPLER, seed=seed)
-    found = represented(drawn, NOTHING_KNOWN, seed)
+    found = compared(drawn, NOTHING_KNOWN, seed)
     assert found.agreed and len(found.modes) == 1, str(found)
     assert "finds one mode" in str(found) and np.abs(found.mean_gap).max() < 0.1
     np.testing.assert_allclose(found.modes[0], 1.0, atol=0.01)  # in logits the maximum lies a little elsewhere
@@ -50,7 +50,7 @@ def test_good_draws_of_one_mode_raise_no_alarm(seed):
 def test_modes_of_two_widths(dimension):
     """Found from the prior alone, in a box of which the narrow mode is a part in 10⁶; the first explorer may lose it."""
     drawn = si.sample(two_modes(dimension), SAMPLER, seed=1)
-    found = represented(drawn, np.empty((0, dimension)), 1)
+    found = compared(drawn, np.empty((0, dimension)), 1)
     assert len(found.modes) == 2 and found.agreed == ((drawn.flat[:, 0] > 0.0).mean() > 0.4), str(found)
     np.testing.assert_allclose(found.shares_again, 0.5, atol=0.06)
 
@@ -61,7 +61,7 @@ def test_a_narrow_heavy_mode_at_a_known_point(seed):
     """Particles from the prior have lost it; a true run lies in it."""
     drawn = si.sample(two_modes(6), replace(SAMPLER, scouts=0), seed=seed)
     assert drawn.flat[:, 0].max() < 0.0 and drawn.verdict().converged
-    found = represented(drawn, np.full((1, 6), 3.05), seed)
+    found = compared(drawn, np.full((1, 6), 3.05), seed)
     assert not found.agreed and len(found.modes) == 2
     np.testing.assert_allclose(np.sort(found.shares), [0.0, 1.0])
     np.testing.assert_allclose(found.shares_again, 0.5, atol=0.06)
@@ -78,23 +78,23 @@ def test_draws_with_the_wrong_shares_of_modes_that_they_know():
     swap = ~lower & (rng.uniform(size=len(flat)) < 1 / 3)
     flat[swap] = rng.choice(flat[lower], size=swap.sum())
     wrong = replace(drawn, history=flat.reshape(drawn.history.shape))
-    assert represented(drawn, np.empty((0, 3)), 3).agreed
-    found = represented(wrong, np.empty((0, 3)), 3)
+    assert compared(drawn, np.empty((0, 3)), 3).agreed
+    found = compared(wrong, np.empty((0, 3)), 3)
     assert not found.agreed and found.shares.min() < 0.4 < found.shares_again.min(), str(found)
 
 
 def test_draws_that_are_too_narrow():
     drawn = si.sample(boxed(lambda x: normal(x, 1.0, 0.3).sum(axis=1), 3), SAMPLER, seed=2)
     narrow = replace(drawn, history=1.0 + 0.8 * (drawn.history - 1.0))
-    found = represented(narrow, np.empty((0, 3)), 2)
+    found = compared(narrow, np.empty((0, 3)), 2)
     assert any("times the standard deviation" in said for said in found.failures)
     shifted = replace(drawn, history=drawn.history + np.array([0.06, 0.0, 0.0]))
-    assert any("puts the mean of x0 -0.2" in said for said in represented(shifted, np.empty((0, 3)), 2).failures)
+    assert any("puts the mean of x0 -0.2" in said for said in compared(shifted, np.empty((0, 3)), 2).failures)
 
 
 def test_chains_are_compared_too():
     """A sampler that knows no evidence."""
     chains = si.AIES(walkers=32, steps=1500, ensembles=4)
     drawn = si.sample(boxed(lambda x: normal(x, 1.0, 0.3).sum(axis=1), 3), chains, seed=2)
-    found = represented(drawn, np.empty((0, 3)), 2)
+    found = compared(drawn, np.empty((0, 3)), 2)
     assert found.agreed and np.isnan(found.evidence_gap)

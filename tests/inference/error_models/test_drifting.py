@@ -26,7 +26,7 @@ def test_parameters_are_those_of_the_model_their_drifts_and_what_they_are_at_the
     assert of.names[:5] == ("stiffness", "gamma_ratio", "stiffness_drift", "gamma_ratio_drift", "sigma2")
     assert of.names[5:] == tuple(f"{name}_at_{knot}" for name in SPACE.names for knot in (1, 2, 3))
     assert of.hidden == set(of.names[5:]) and of.shown == [0, 1, 2, 3, 4]
-    assert of.units["stiffness_drift"] == "kN/mm" and of.law.describe()["every"] == 2.0
+    assert of.units["stiffness_drift"] == "kN/mm" and of.error_model.describe()["every"] == 2.0
     low, high = of.space.marginals["stiffness_drift"].quantile(np.array([0.025, 0.975]))
     sd = SPACE.marginals["stiffness"].moments[1]
     np.testing.assert_allclose([low, high], [0.01 * sd, sd], rtol=1e-3)
@@ -79,7 +79,7 @@ def test_on_another_record_parameters_drift_in_another_way_and_as_far():
 def test_errors_that_are_added_may_have_any_law():
     beside = posterior(si.Drifting(every=2.0, errors=si.AR1()))
     assert {"sigma2", "sigma2_white", "correlation_time"} < set(beside.names)
-    assert beside.discrepancy.describe()["kind"] == "ar1" and beside.law.describe()["errors"]["kind"] == "ar1"
+    assert beside.discrepancy.describe()["kind"] == "ar1" and beside.error_model.describe()["errors"]["kind"] == "ar1"
     assert np.isfinite(beside.log_density(beside.space.sample(3, seed=1).values)).all()
 
 

@@ -77,7 +77,7 @@ def test_the_law_of_independence_moves_is_learnt_while_tuning_and_then_stays():
     blocks = []
     settings = replace(SETTINGS, approximation=gaussian(), steps=30, discard=0.5)
     settings.run(gaussian(), 7, None, [], lambda _index, block: blocks.append(block))
-    learnt, last, early = (settings._learnt_law(blocks[:count]) for count in (settings.tuning, 30, 3))
+    learnt, last, early = (settings._learnt_proposal(blocks[:count]) for count in (settings.tuning, 30, 3))
     np.testing.assert_array_equal(learnt.middle, last.middle)
     np.testing.assert_array_equal(learnt.factor, last.factor)
     assert not np.allclose(learnt.middle, early.middle)

@@ -12,7 +12,7 @@ from structid.inference.sampling.moves import (
     DEGREES_OF_FREEDOM,
     LAYERS,
     EnsembleState,
-    IndependenceLaw,
+    IndependenceProposal,
     differential_proposal,
     independent_proposal,
     stretch_proposal,
@@ -99,7 +99,7 @@ def independent_moves(monkeypatch, factor):
     def propose(moves, rng, _kind, moving, resting):
         if rng.random() < 0.5:
             return stretch_proposal(rng, moving, resting.phi, moves.stretch)
-        proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(resting))
+        proposal, log_factor = independent_proposal(rng, moving, IndependenceProposal.fitted(resting))
         return proposal, factor * log_factor
 
     monkeypatch.setattr("structid.inference.sampling.moves.Moves.propose", propose)
@@ -128,7 +128,9 @@ def test_independence_moves_have_the_law_of_their_factor():
     resting = rng.standard_normal((2, 100, 3)) @ np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.0, 3.0, 1.0]])
     density = -((resting - 1.0) ** 2).sum(axis=2)
     moving = rng.standard_normal((2, 20_000, 3))
-    proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(EnsembleState(resting, density)))
+    proposal, log_factor = independent_proposal(
+        rng, moving, IndependenceProposal.fitted(EnsembleState(resting, density))
+    )
     for k in range(2):
         laws, shares = [], []
         for densest, share in LAYERS:
@@ -153,6 +155,6 @@ def test_independence_moves_of_walkers_in_a_plane():
     """All copies of one, and fewer than dimensions: nothing breaks, and nothing finite comes of nothing."""
     rng = np.random.default_rng(1)
     for resting in (np.ones((2, 10, 4)), rng.standard_normal((2, 3, 4))):
-        law = IndependenceLaw.fitted(EnsembleState(resting, np.zeros(resting.shape[:2])))
+        law = IndependenceProposal.fitted(EnsembleState(resting, np.zeros(resting.shape[:2])))
         proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), law)
         assert np.isfinite(proposal).all() and np.isfinite(log_factor).all()

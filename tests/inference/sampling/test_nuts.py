@@ -43,7 +43,7 @@ def test_an_unconverged_run_blames_the_sampler_and_nothing_else(short_posterior)
     """Priors and model are not judged by draws that are not the posterior's."""
     result = si.sample(short_posterior, si.AIES(walkers=16, steps=40, ensembles=2), seed=1)
     verdict = result.verdict()
-    assert not verdict.converged and verdict.failures and not verdict.wrong_model and not verdict.wrong_law
+    assert not verdict.converged and verdict.failures and not verdict.wrong_model and not verdict.wrong_error_model
     assert not [w for w in verdict.warnings if "prior" in w or "surrogate" in w]
     assert "judged once the run has converged" in str(verdict)
     assert result.robust is None and result.drift is None

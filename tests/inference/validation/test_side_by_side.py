@@ -77,7 +77,7 @@ def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale)
         found = si.calibrate(model, priors(stiffness), si.Observation(record, scale * y), seed=1, true_runs=60)
     verdict = found.verdict()
     assert verdict.another_size and "times the measured peak: are the units" in verdict.wrong_model[0]
-    assert "damped_cosine" not in str(verdict)  # no law of errors mends a unit
+    assert "damped_cosine" not in str(verdict)  # no error model mends a unit
 
 
 def test_a_unit_so_wrong_that_no_run_finishes_is_asked_for(measured):

@@ -13,7 +13,7 @@ from structid.models.masonry.equations.wall_channels import CHANNELS
 from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
 from structid.models.masonry.finite_elements.layout import Opening, Wall
 from structid.models.masonry.masonry_wall import MOST_BLOCKS_IN_LANES, MasonryWall
-from structid.models.masonry.wall_failure import judged
+from structid.models.masonry.wall_failure import name_failures
 
 NAMES = ("normal_energy", "normal_strength", "tangential_energy", "tangential_strength")
 SOFT, STIFF = np.array([3e3, 0.95e6, 2e5, 0.6e6]), np.array([5.5e3, 1.05e6, 4e5, 2e6])
@@ -234,7 +234,7 @@ def test_a_wall_that_never_began_to_move():
     watched = ("drift", "support_lost", "weakest_joint")
     found = si.Histories(np.full((1, 5, 3), np.nan), 0.01, watched, np.array([si.Status.DIVERGED]), np.array([0.0]))
     mesh = MasonryWall(**dict(zip(NAMES, STIFF, strict=True))).mesh
-    told = judged(found, mesh, 1e-3, ("drift",))
+    told = name_failures(found, mesh, 1e-3, ("drift",))
     assert told.reasons == ("no equilibrium was found under the vertical load",) and told.channels == ("drift",)
     assert told.status.tolist() == [si.Status.DIVERGED] and told.failure_time[0] == 0.0
 

@@ -80,7 +80,7 @@ def test_weighted_indices_are_closed_downwards():
 
 
 def test_dependent_parameters_go_through_standard_normal_ones():
-    space = si.ParameterSpace({("a", "b"): 0.7}, a=si.Normal(1.0, 2.0), b=si.Gamma(mean=2.0, sd=1.0))
+    space = si.ParameterSpace(correlation={("a", "b"): 0.7}, a=si.Normal(1.0, 2.0), b=si.Gamma(mean=2.0, sd=1.0))
     theta = space.sample(200_000, seed=1, method="sobol").values
     z = standard_normal(space, theta)
     np.testing.assert_allclose(np.cov(z.T), np.eye(2), atol=0.01)

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from structid.certification.certificate import FEWEST_DRAWS, Certificate, judged
-from structid.certification.external.drawn_density import Chosen, DrawnLaw
+from structid.certification.certificate import FEWEST_DRAWS, Certificate, issue_certificate
+from structid.certification.external.drawn_density import Chosen, DrawnDensity
 from structid.certification.external.draws_with_density import DensityOfDraws
 from structid.certification.external.draws_without_density import FittedToDraws, ValuesAtDraws
 from structid.certification.external.external_draws import Draws, density_with, draws_of
 from structid.certification.external.hidden_modes import searched
-from structid.certification.external.learnt_density import LearntLaw
+from structid.certification.external.learnt_density import LearntDensity
 from structid.certification.external.truncated_support import with_what_is_excluded
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 from structid.certification.known_points import Points, joined
@@ -59,7 +59,7 @@ def certify(
     """Certify a posterior that another program drew: by true runs at a few of its draws.
 
     The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
-    draws of a wider law. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
+    draws of a wider density. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
     `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own. Averages over the
     draws have a Monte Carlo error besides, by their number and their autocorrelation: it is in the statement, and draws that are
     too few for the limits are refused.
@@ -83,12 +83,12 @@ def certify(
         Further true runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs` when
         left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
     teaching : int, optional
-        Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
-        `true_runs` when left out.
+        Further true runs at most, in rounds of ten, if the draws do not decide: where they show most of the draws' density. Half
+        of `true_runs` when left out.
     known : tuple of ndarray, optional
         Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it: the model is run once at
-        the best of them to see that. None of them may exceed the draws. They tell where a mode could be, and where the draws' law
-        is wrong.
+        the best of them to see that. None of them may exceed the draws. They show where a mode could be, and where the draws'
+        density is wrong.
     limits : Limits, optional
         What must be met.
     look : int
@@ -123,11 +123,11 @@ def certify(
     draws_taken = draws_of(draws, posterior.names, posterior.units)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
-    law = _law(posterior, draws_taken, log_density, rng)
+    drawn = _law(posterior, draws_taken, log_density, rng)
     known = _known(known, posterior.dimension)
-    by_chance = MonteCarloError.of(posterior.compared(law.in_order(law.flat)), limits.confidence)
-    doubts = (*law.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
-    chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
+    by_chance = MonteCarloError.of(posterior.compared(drawn.in_order(drawn.flat)), limits.confidence)
+    doubts = (*drawn.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
+    chosen = drawn.chosen(drawn.enough if true_runs is None else true_runs, rng)
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
     _compare_known(known, truth)
     log_true = truth.at(chosen.theta)
@@ -137,38 +137,40 @@ def certify(
     judges = chosen.inside
     fresh = FreshDraws(
         judges.theta, posterior.compared(judges.theta), log_true[inside], judges.log_drawn, judges.shares,
-        posterior.compared(law.population), law.highest, truth.impossible[-len(chosen.theta) :][inside],
+        posterior.compared(drawn.population), drawn.highest, truth.impossible[-len(chosen.theta) :][inside],
     )  # fmt: skip
     others = known
     if posterior.knows_prior and np.isfinite(log_true).any():
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
         at_draws = fresh.theta, fresh.log_true
-        others = joined(known, searched(law, at_draws, known, fresh.middle, count, truth.at, limits, rng))
+        others = joined(known, searched(drawn, at_draws, known, fresh.middle, count, truth.at, limits, rng))
     # Where q has no density at all, a run is no draw of it; it may show that something is there.
-    fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
+    fresh, why = with_what_is_excluded(drawn, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
     searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
-    far = law.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
-    certificate = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
-    return replace(certificate, subject=law.subject, searched=searching, monte_carlo=by_chance)
+    far = drawn.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
+    certificate = _judged(drawn, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
+    return replace(certificate, subject=drawn.subject, searched=searching, monte_carlo=by_chance)
 
 
 def _judged(
-    law: DrawnLaw, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
+    drawn: DrawnDensity, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
     limits: Limits, doubts: tuple[str, ...], against: tuple[str, ...], rng: np.random.Generator,
 ) -> Certificate:  # fmt: skip
     """Certify by the weights of the draws; if these do not decide, by the correction, after further training runs."""
-    names, before = law.posterior.compared_names, truth.count
-    near = _within_reach(law, fresh, others, limits)
-    certificate = judged(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
+    names, before = drawn.posterior.compared_names, truth.count
+    near = _within_reach(drawn, fresh, others, limits)
+    certificate = issue_certificate(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
     if certificate.certified or doubts or against or not np.isfinite(fresh.log_true).all():
         return certificate
     # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
     looks = itertools.count(2 * look + 1)
     for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
-        learnt = LearntLaw(law, judges, fresh, others, rng)
+        learnt = LearntDensity(drawn, judges, fresh, others, rng)
         near, correction = learnt.stored(limits), learnt.correction
-        again = judged(learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction)
+        again = issue_certificate(
+            learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction
+        )
         if again.certified or again.mean_bound.max() < certificate.mean_bound.max():
             certificate = again
         if again.certified or count == 0 or correction.beyond(limits):
@@ -210,15 +212,15 @@ def _compare_known(known: Points, truth: Truth) -> None:
         )
 
 
-def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
+def _within_reach(drawn: DrawnDensity, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
     """Runs near the best one, where q is not zero: see `with_what_is_excluded`. Further away, q may be arbitrarily wrong."""
     log_true = np.concatenate([fresh.log_true, others[1]])
-    log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
+    log_drawn = np.concatenate([fresh.log_drawn, drawn.log_density(others[0]) if len(others[0]) else others[1]])
     near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)
     return StoredRuns(log_true[near], log_drawn[near])
 
 
-def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:
+def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnDensity:
     if log_density is None:
         return FittedToDraws(posterior, draws, rng)
     if callable(log_density):

@@ -34,7 +34,7 @@ class Chosen:
     theta: Float[np.ndarray, "point parameter"]  # in SI
     # Log density of q there; −inf outside its support, where the model may find that there is something
     log_drawn: Float[np.ndarray, " point"]
-    # Log density of the wider law there, on the scale of q; −inf if there is none
+    # Log density of the wider density there, on the scale of q; −inf if there is none
     log_wide: Float[np.ndarray, " point"]
     log_mixture: Float[np.ndarray, " point"]  # log density, likewise, of the mixture g from which the points come
 
@@ -52,7 +52,7 @@ class Chosen:
         return Chosen(self.theta[rows], self.log_drawn[rows], self.log_wide[rows], self.log_mixture[rows])
 
 
-class DrawnLaw(ABC):
+class DrawnDensity(ABC):
     """q, the density of external draws."""
 
     subject = ""
@@ -62,7 +62,7 @@ class DrawnLaw(ABC):
     fitted: FittedDensity
     """What was fitted to the draws, in unconstrained coordinates."""
     width = 1.0
-    """Times as wide as the draws is the law that such points come from."""
+    """Times as wide as the draws is the density that such points come from."""
     enough = 30
     """True runs that mostly decide."""
 
@@ -116,7 +116,7 @@ class DrawnLaw(ABC):
         prior = self.posterior.initial(MANY, rng)
         middle, sd = np.median(prior, axis=0), prior.std(axis=0)
         distance = np.abs(np.median(self.phi, axis=0) - middle) / sd
-        # Errors may be a thousandth of what their law's prior allows: that is a good fit, and no unit.
+        # Errors may be a thousandth of what the prior of their error model allows: that is a good fit, and no unit.
         worst = max(self.posterior.own, key=lambda place: float(distance[place]))
         if distance[worst] <= FAR_FROM_PRIOR:
             return ()
@@ -151,16 +151,18 @@ class DrawnLaw(ABC):
         return ()
 
 
-def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator) -> FittedDensity:
+def refuse_another(
+    drawn: DrawnDensity, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator
+) -> FittedDensity:
     """Refuse a log density that does not vary with the density of the draws."""
     if not np.isfinite(at_draws).all():
         raise InputError(
             "certify(log_density)",
             f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
-            "a finite one at every draw: no law has draws where its density is zero",
+            "a finite one at every draw: nothing is drawn where the density is zero",
         )
-    fitted = FittedDensity.of(law.phi, rng)
-    log_fitted = of_fitted(fitted, law, law.flat)
+    fitted = FittedDensity.of(drawn.phi, rng)
+    log_fitted = of_fitted(fitted, drawn, drawn.flat)
     gap, spread = (
         np.diff(np.quantile(at_draws - log_fitted, (0.16, 0.84)))[0],
         np.diff(np.quantile(log_fitted, (0.16, 0.84)))[0],
@@ -170,7 +172,7 @@ def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.
             "certify(log_density)",
             f"a log density that is not that of the draws: over them it varies by {0.5 * gap:.3g} nats about a density that was "
             f"fitted to them, which itself varies by {0.5 * spread:.3g} nats",
-            "log q of the parameters in SI, of the law that the draws come from, up to a constant",
+            "log q of the parameters in SI, of the density that the draws come from, up to a constant",
             "A log-likelihood, or a density with respect to other coordinates, is none; and of a chain of a few autocorrelation "
             "times the draws do not stand for any density. If you do not know it, leave it out.",
         )
@@ -178,12 +180,12 @@ def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.
 
 
 def of_fitted(
-    fitted: FittedDensity, law: DrawnLaw, theta: Float[np.ndarray, "point parameter"]
+    fitted: FittedDensity, drawn: DrawnDensity, theta: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, " point"]:
     """Log density of a fitted density with respect to the parameters."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        phi = law.bijection.inverse(theta)
+        phi = drawn.bijection.inverse(theta)
     inside = np.isfinite(phi).all(axis=1)
     density = np.full(len(theta), -np.inf)
-    density[inside] = fitted.log_density(phi[inside]) - law.bijection(phi[inside])[1]
+    density[inside] = fitted.log_density(phi[inside]) - drawn.bijection(phi[inside])[1]
     return density

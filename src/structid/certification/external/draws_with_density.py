@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.external.drawn_density import MANY, Chosen, DrawnLaw, refuse_another
+from structid.certification.external.drawn_density import MANY, Chosen, DrawnDensity, refuse_another
 from structid.core.errors import InputError
 from structid.core.validation import real_array
-from structid.inference.diagnostics.second_sampler import represented
+from structid.inference.diagnostics.second_sampler import check_representation
 from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.inference.target import Target
 
@@ -26,7 +26,7 @@ DEEPEST = 100.0
 """Depth below its highest density from which q counts as zero [nat]."""
 
 
-class DensityOfDraws(DrawnLaw):
+class DensityOfDraws(DrawnDensity):
     """q is a given function."""
 
     width = WIDENED
@@ -44,7 +44,7 @@ class DensityOfDraws(DrawnLaw):
         self.fitted = refuse_another(self, self.at_draws, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density; see `DrawnLaw.log_density`."""
+        """Log density; see `DrawnDensity.log_density`."""
         values = real_array("certify(log_density)", self.function(theta), "log densities")
         values = values[:, 0] if values.shape == (len(theta), 1) else values
         if values.shape != (len(theta),):
@@ -56,7 +56,7 @@ class DensityOfDraws(DrawnLaw):
         return np.where(np.isnan(values), -np.inf, values)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds draws, the others from a wider density; see `DrawnLaw.chosen`."""
+        """Two thirds draws, the others from a wider density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
@@ -74,13 +74,13 @@ class DensityOfDraws(DrawnLaw):
         wide = self.fitted.draw(MANY, rng, WIDENED)
         inside = np.isfinite(
             self._in_coordinates(wide)
-        )  # of the wider law that part is taken which lies in q's support
+        )  # of the wider density that part is taken which lies in q's support
         log_integral = self._log_integral(many, wide) - np.log(inside.mean())
         phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
         return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws, and as many from wider and much wider densities; see `DrawnLaw.around`."""
+        """Draws, and as many from wider and much wider densities; see `DrawnDensity.around`."""
         each = count // (1 + len(AROUND))
         plain = self._many[rng.permutation(len(self._many))[:each]]
         others = [self.fitted.draw(each, rng, width) for width in AROUND]
@@ -127,35 +127,37 @@ class DensityOfDraws(DrawnLaw):
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Sample q with a second sampler; see `DrawnLaw.doubts`."""
-        comparison = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
+        """Sample q with a second sampler; see `DrawnDensity.doubts`."""
+        comparison = check_representation(
+            _Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed
+        )
         return tuple(f"these are not draws of the given density: {failure}" for failure in comparison.failures)
 
 
 class _Explored(Target):
     """q as a target of a sampler, in the coordinates and with the prior of the true posterior."""
 
-    def __init__(self, law: DensityOfDraws) -> None:
-        self.law, self.names, self.bijection = law, law.posterior.names, law.bijection
+    def __init__(self, drawn: DensityOfDraws) -> None:
+        self.drawn, self.names, self.bijection = drawn, drawn.posterior.names, drawn.bijection
 
     @property
     def knows_prior(self) -> bool:
-        return self.law.posterior.knows_prior
+        return self.drawn.posterior.knows_prior
 
     @property
     def variances(self) -> frozenset[str]:
-        return self.law.posterior.variances
+        return self.drawn.posterior.variances
 
     @property
     def content_hash(self) -> str:
-        return self.law.posterior.content_hash
+        return self.drawn.posterior.content_hash
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta, jacobian = self.bijection(phi)
-        return self.law.log_density(theta) + jacobian, np.zeros(len(phi), dtype=bool)
+        return self.drawn.log_density(theta) + jacobian, np.zeros(len(phi), dtype=bool)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
-        return self.law.log_density(theta)
+        return self.drawn.log_density(theta)
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        return self.law.posterior.initial(count, rng)
+        return self.drawn.posterior.initial(count, rng)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.external.drawn_density import Chosen, DrawnLaw, of_fitted, refuse_another
+from structid.certification.external.drawn_density import Chosen, DrawnDensity, of_fitted, refuse_another
 from structid.certification.external.draws_with_density import WIDE_SHARE, DensityOfDraws
 from structid.certification.external.fitted_density import FittedDensity
 from structid.certification.external.stein_identity import not_its_draws
@@ -21,7 +21,7 @@ MOMENTS = 0.1
 """Error of a mean in standard deviations, or relative error of a standard deviation, above which a fitted density is rejected."""
 
 
-class ValuesAtDraws(DrawnLaw):
+class ValuesAtDraws(DrawnDensity):
     """The log density of q is known at the draws only."""
 
     subject = "of a density that is known at the draws alone"
@@ -41,21 +41,21 @@ class ValuesAtDraws(DrawnLaw):
         self.fitted = refuse_another(self, flat, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density of a density fitted to the draws; see `DrawnLaw.log_density`."""
+        """Log density of a density fitted to the draws; see `DrawnDensity.log_density`."""
         log_fitted = of_fitted(self.fitted, self, self.flat)
         return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - log_fitted))
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws alone; see `DrawnLaw.chosen`."""
+        """Draws alone; see `DrawnDensity.chosen`."""
         rows = self.distinct(count, rng)
         return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), self.at_draws[rows])
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws alone; see `DrawnLaw.around`."""
+        """Draws alone; see `DrawnDensity.around`."""
         return self.chosen(count, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Check by Stein's identity that the draws have the given density; see `DrawnLaw.doubts`."""
+        """Check by Stein's identity that the draws have the given density; see `DrawnDensity.doubts`."""
         return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
 
 
@@ -66,7 +66,7 @@ class FittedToDraws(DensityOfDraws):
     enough = 60
 
     def __init__(self, posterior: Target, draws: np.ndarray, rng: np.random.Generator) -> None:
-        DrawnLaw.__init__(self, posterior, draws)
+        DrawnDensity.__init__(self, posterior, draws)
         self.fitted = FittedDensity.of(self.phi, rng)
         self.many = self.fitted.draw(FITTED_DRAWS, rng)
         self.at_draws = self.log_density(self.population)
@@ -81,16 +81,16 @@ class FittedToDraws(DensityOfDraws):
         return np.asarray(self.bijection(self.many)[0])
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density; see `DrawnLaw.log_density`."""
+        """Log density; see `DrawnDensity.log_density`."""
         return of_fitted(self.fitted, self, theta)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds of them draws of the fitted density; see `DrawnLaw.chosen`."""
+        """Two thirds of them draws of the fitted density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Compare the fitted density's moments with those of the draws; see `DrawnLaw.doubts`."""
+        """Compare the fitted density's moments with those of the draws; see `DrawnDensity.doubts`."""
         given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
         sd = given.std(axis=0)
         means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from structid.certification.external.drawn_density import DrawnLaw
+from structid.certification.external.drawn_density import DrawnDensity
 from structid.certification.external.kriged_density import CORRELATIONS, Chart, KrigedDensity, standardised_by
 from structid.certification.known_points import Points, joined
 from structid.certification.limits import Limits
@@ -31,7 +31,7 @@ HOPELESS = -10.0
 
 
 def searched(
-    law: DrawnLaw,
+    drawn: DrawnDensity,
     at_draws: Points,
     known: Points,
     middle: float,
@@ -41,25 +41,25 @@ def searched(
     rng: np.random.Generator,
 ) -> Points:
     """Run the model where q may have missed a mode."""
-    scouts = law.posterior.initial(SCOUTS, rng)
+    scouts = drawn.posterior.initial(SCOUTS, rng)
     scouts = scouts[np.isfinite(scouts).all(axis=1)]
     chart = standardised_by(scouts)
     z = chart(scouts)[0]
-    theta, jacobian = law.bijection(scouts)
-    of_draws = law.log_density(theta) + middle
-    # What the draws do not visit; in their tails, fresh draws of a wider law see for themselves.
+    theta, jacobian = drawn.bijection(scouts)
+    of_draws = drawn.log_density(theta) + middle
+    # What the draws do not visit; in their tails, fresh draws of a wider density see for themselves.
     best = max(at_draws[1].max(), known[1].max(initial=-np.inf))
-    free = (of_draws < best - limits.reach) & ~law.covers(theta)
-    new_runs: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
+    free = (of_draws < best - limits.reach) & ~drawn.covers(theta)
+    new_runs: Points = np.empty((0, drawn.posterior.dimension)), np.empty(0)
     most = count
     while len(new_runs[0]) < most and free.any():
         others = joined(known, new_runs)
         points, log_true = joined(at_draws, others)
         matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
-        if np.count_nonzero(~law.covers(others[0])) < AT_ONCE:
+        if np.count_nonzero(~drawn.covers(others[0])) < AT_ONCE:
             chance = rng.random(len(z))  # any draws of the prior
         else:
-            mean, deviation = _kriged(law, chart, (points, log_true)).at(scouts)
+            mean, deviation = _kriged(drawn, chart, (points, log_true)).at(scouts)
             chance = (mean - jacobian - matters) / np.maximum(deviation, 1e-9)
         places = _apart(np.where(free, chance, -np.inf), z, min(AT_ONCE, most - len(new_runs[0])))
         if not len(places):
@@ -74,11 +74,11 @@ def searched(
     return new_runs
 
 
-def _kriged(law: DrawnLaw, chart: Chart, known: Points) -> KrigedDensity:
+def _kriged(drawn: DrawnDensity, chart: Chart, known: Points) -> KrigedDensity:
     """Log π with respect to φ."""
     theta, log_true = known
-    phi = law.bijection.inverse(theta)
-    values = log_true + law.bijection(phi)[1]
+    phi = drawn.bijection.inverse(theta)
+    values = log_true + drawn.bijection(phi)[1]
     ran = np.isfinite(values)
     forms = [(chart, correlation) for correlation in CORRELATIONS]
     return KrigedDensity.best(forms, phi[ran], values[ran], np.ones(int(ran.sum())))

@@ -81,7 +81,7 @@ class KrigedDensity:
         """Fit an interpolation."""
         z, guess = chart(phi)
         edges = {f"z{index}": Uniform(column.min() - 1.0, column.max() + 1.0) for index, column in enumerate(z.T)}
-        space = ParameterSpace(None, None, None, **edges)
+        space = ParameterSpace(edges)
         settings = Kriging(_trend(*z.shape), correlation, separable=False, nugget=NUGGET)
         return cls(chart, correlation, phi, values, settings.fit(Design(z, space), values - guess, start=start))
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from structid.certification.correction import Correction
 from structid.certification.density_difference import FOLDS, density_difference
-from structid.certification.external.drawn_density import Chosen, DrawnLaw
+from structid.certification.external.drawn_density import Chosen, DrawnDensity
 from structid.certification.external.kriged_density import (
     CORRELATIONS,
     KrigedDensity,
@@ -22,7 +22,7 @@ from structid.certification.external.kriged_density import (
     normal_by,
     standardised_by,
 )
-from structid.certification.fresh_draws import Beside, FreshDraws, StoredRuns
+from structid.certification.fresh_draws import DensityDifference, FreshDraws, StoredRuns
 from structid.certification.known_points import Points, joined
 from structid.certification.limits import Limits
 
@@ -42,21 +42,21 @@ DEEPEST = 60.0
 """Depth below the best run at which known runs no longer inform the posterior [nat]."""
 
 
-class LearntLaw:
+class LearntDensity:
     """q′, learnt from model runs."""
 
     def __init__(
-        self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
+        self, drawn: DrawnDensity, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
     ) -> None:
-        self.law, self.judges, self.fresh, self.rng = law, judges, fresh, rng
-        self.theta, self.log_true = _worth_learning(law, fresh, known)
-        self.kriged = _kriged(law, self.theta, self.log_true, fresh.shares)
-        self.around = law.around(AROUND, rng)
+        self.drawn, self.judges, self.fresh, self.rng = drawn, judges, fresh, rng
+        self.theta, self.log_true = _worth_learning(drawn, fresh, known)
+        self.kriged = _kriged(drawn, self.theta, self.log_true, fresh.shares)
+        self.around = drawn.around(AROUND, rng)
         self.log_learnt = self._log_density(self.kriged, self.around)
         of_mixture = self.log_learnt - self.around.log_mixture
         self.weights = np.exp(of_mixture - of_mixture.max())
         self.weights /= self.weights.sum()
-        self.covered = law.covers(self.around.theta)
+        self.covered = drawn.covers(self.around.theta)
 
     @property
     def correction(self) -> Correction:
@@ -66,8 +66,8 @@ class LearntLaw:
     def stored(self, limits: Limits) -> StoredRuns:
         """Compare the runs with q′ where points for runs come, and elsewhere with q."""
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
-        covered = self.law.covers(self.theta)
-        log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
+        covered = self.drawn.covers(self.theta)
+        log_drawn = np.where(covered, foretold, self.drawn.log_density(self.theta) + self.fresh.middle)
         # What is neither covered nor in q's support is judged as excluded.
         near = (self.log_true >= self.log_true.max() - limits.reach) & np.isfinite(log_drawn)
         return StoredRuns(self.log_true[near], log_drawn[near])
@@ -86,9 +86,9 @@ class LearntLaw:
     def judging(self) -> FreshDraws:
         """Assess q′ by the fresh draws."""
         fresh, count = self.fresh, len(self.fresh.theta)
-        rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
+        rows = self.rng.choice(len(self.weights), size=len(self.drawn.population), p=self.weights)
         some, compared = rows[:COMPARED], self._compared(self.around.theta)
-        log_drawn, differences = np.empty(count), list[Beside]()
+        log_drawn, differences = np.empty(count), list[DensityDifference]()
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
             left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
@@ -103,13 +103,13 @@ class LearntLaw:
             shares=fresh.shares * np.exp(log_correction - log_correction.max()),
             population=compared[rows],
             highest=fresh.highest + fresh.middle,
-            beside=Beside.average(differences),
+            difference=DensityDifference.average(differences),
         )
 
     def worth_teaching(self, count: int) -> Float[np.ndarray, "point parameter"]:
         """Choose the most informative points for model runs: q′ is high, and the Kriging uncertain."""
         theta, weights = self.around.theta[self.covered], self.weights[self.covered]
-        phi = self.law.bijection.inverse(theta)
+        phi = self.drawn.bijection.inverse(theta)
         places: list[int] = []
         kriged = self.kriged
         for _ in range(count if len(theta) else 0):
@@ -120,31 +120,31 @@ class LearntLaw:
         return np.asarray(theta[places])
 
     def _compared(self, theta: np.ndarray) -> np.ndarray:
-        return self.law.posterior.compared(theta)
+        return self.drawn.posterior.compared(theta)
 
     def _log_density(self, kriged: KrigedDensity, points: Chosen) -> np.ndarray:
         """Log q′ with respect to θ: the Kriging where it is certain, q with longer tails where nothing was learnt."""
-        phi = self.law.bijection.inverse(points.theta)
+        phi = self.drawn.bijection.inverse(points.theta)
         mean, deviation = kriged.at(phi)
         trust = np.exp(-((deviation / SURE) ** 2))
         untaught = np.logaddexp(points.log_drawn, np.log(TAILS) + points.log_wide) + self.fresh.middle
-        return np.asarray(untaught + trust * (mean - self.law.bijection(phi)[1] - untaught))
+        return np.asarray(untaught + trust * (mean - self.drawn.bijection(phi)[1] - untaught))
 
 
-def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
+def _worth_learning(drawn: DrawnDensity, fresh: FreshDraws, known: Points) -> Points:
     """Known runs that inform the posterior, followed by the fresh ones."""
     theta, log_true = known
     with np.errstate(invalid="ignore", divide="ignore"):
-        inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
+        inside = np.isfinite(drawn.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
     near = inside & (log_true >= fresh.log_true.max() - DEEPEST)
     theta, first = np.unique(theta[near], axis=0, return_index=True)
     return joined((theta, log_true[near][first]), (fresh.theta, fresh.log_true))
 
 
-def _kriged(law: DrawnLaw, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
+def _kriged(drawn: DrawnDensity, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
     """Log π with respect to φ, in the form with the smallest errors at the fresh runs, which come last."""
-    phi = law.bijection.inverse(theta)
-    charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
+    phi = drawn.bijection.inverse(theta)
+    charts = [in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi), normal_by(drawn.fitted)]
     forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
     counts = np.concatenate([np.zeros(len(theta) - len(shares)), shares])
-    return KrigedDensity.best(forms, phi, log_true + law.bijection(phi)[1], counts)
+    return KrigedDensity.best(forms, phi, log_true + drawn.bijection(phi)[1], counts)

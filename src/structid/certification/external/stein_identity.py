@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.certification.external.drawn_density import DrawnLaw
+from structid.certification.external.drawn_density import DrawnDensity
 from structid.certification.external.kriged_density import (
     CORRELATIONS,
     KrigedDensity,
@@ -52,9 +52,9 @@ class _Averages(NamedTuple):
     spread_error: np.ndarray
 
 
-def not_its_draws(law: DrawnLaw, rng: np.random.Generator) -> tuple[str, ...]:
+def not_its_draws(drawn: DrawnDensity, rng: np.random.Generator) -> tuple[str, ...]:
     """Describe, by Stein's identity, why draws do not have a density; empty if they may."""
-    averages = _averages(law, rng)
+    averages = _averages(drawn, rng)
     slope = np.abs(averages.slope) - averages.slope_error - SLOPE
     spread = np.abs(averages.spread - 1.0) - averages.spread_error - SPREAD
     if max(slope.max(), spread.max()) <= 0.0:
@@ -66,7 +66,7 @@ def not_its_draws(law: DrawnLaw, rng: np.random.Generator) -> tuple[str, ...]:
         worst = int(np.argmax(spread))
         finding = f"its slope times the distance from the mean averages to -1, here to {-averages.spread[worst]:.2f}"
     return (
-        f"these are not draws of the given density: over draws of a density {finding} along {law.posterior.names[worst]}, in "
+        f"these are not draws of the given density: over draws of a density {finding} along {drawn.posterior.names[worst]}, in "
         "standard deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
     )
 
@@ -76,17 +76,17 @@ def _untold(error: float) -> tuple[str, ...]:
         return ()
     return (
         "whether these are draws of the given density cannot be told from its values at them: over them its slope averages to zero "
-        f"within {error:.2g} only, where that of half a normal law is 0.48 (Stein's identity). Give the density as a function, or "
-        "more draws",
+        f"within {error:.2g} only, where that of half a normal density is 0.48 (Stein's identity). Give the density as a "
+        "function, or more draws",
     )
 
 
-def _averages(law: DrawnLaw, rng: np.random.Generator) -> _Averages:
-    values = law.at_draws + law.bijection(law.phi)[1]
-    krigings, off = _interpolated(law, values, rng)
-    chains = law.in_order(law.phi)[:, :: max(1, len(law.phi) // COMPARED)]
-    root = _symmetric_root(law.phi)
-    z = (chains - law.phi.mean(axis=0)) @ np.linalg.inv(root)
+def _averages(drawn: DrawnDensity, rng: np.random.Generator) -> _Averages:
+    values = drawn.at_draws + drawn.bijection(drawn.phi)[1]
+    krigings, off = _interpolated(drawn, values, rng)
+    chains = drawn.in_order(drawn.phi)[:, :: max(1, len(drawn.phi) // COMPARED)]
+    root = _symmetric_root(drawn.phi)
+    z = (chains - drawn.phi.mean(axis=0)) @ np.linalg.inv(root)
     slopes = [_slope(kriged, chains.reshape(-1, len(root)), root).reshape(z.shape) for kriged in krigings]
     first, second = ((s.mean(axis=(0, 1)), -(z * s).mean(axis=(0, 1))) for s in slopes)
     # An error e of the Kriging adds E[z e] and E[(z² − 1) e] for normal draws, at most its standard deviation and √2 times that.
@@ -101,15 +101,17 @@ def _averages(law: DrawnLaw, rng: np.random.Generator) -> _Averages:
     )
 
 
-def _interpolated(law: DrawnLaw, values: np.ndarray, rng: np.random.Generator) -> tuple[list[KrigedDensity], float]:
+def _interpolated(
+    drawn: DrawnDensity, values: np.ndarray, rng: np.random.Generator
+) -> tuple[list[KrigedDensity], float]:
     """Two Krigings of log q, and the root mean square of their errors at draws they have not used [nat]."""
-    rows = law.distinct(3 * INTERPOLATED, rng)
+    rows = drawn.distinct(3 * INTERPOLATED, rng)
     first, second, unseen = np.array_split(rows, 3)
-    charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
+    charts = [in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi), normal_by(drawn.fitted)]
     forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
-    best = KrigedDensity.best(forms, law.phi[first], values[first], np.ones(len(first)))
-    other = KrigedDensity.fitted(best.chart, best.correlation, law.phi[second], values[second], best.kriging)
-    errors = [kriged.at(law.phi[unseen])[0] - values[unseen] for kriged in (best, other)]
+    best = KrigedDensity.best(forms, drawn.phi[first], values[first], np.ones(len(first)))
+    other = KrigedDensity.fitted(best.chart, best.correlation, drawn.phi[second], values[second], best.kriging)
+    errors = [kriged.at(drawn.phi[unseen])[0] - values[unseen] for kriged in (best, other)]
     return [best, other], float(np.sqrt(np.mean(np.square(errors))))
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from structid.certification.external.drawn_density import DrawnLaw
+from structid.certification.external.drawn_density import DrawnDensity
 from structid.certification.fresh_draws import FreshDraws
 from structid.certification.known_points import Points
 from structid.certification.limits import Limits
@@ -26,7 +26,7 @@ VALLEY = 1.0
 
 
 def with_what_is_excluded(
-    law: DrawnLaw, fresh: FreshDraws, runs: Points, run: Callable[[np.ndarray], np.ndarray], limits: Limits
+    drawn: DrawnDensity, fresh: FreshDraws, runs: Points, run: Callable[[np.ndarray], np.ndarray], limits: Limits
 ) -> tuple[FreshDraws, tuple[str, ...]]:
     """Allow for the fraction of π that may lie where q is zero.
 
@@ -37,7 +37,7 @@ def with_what_is_excluded(
     theta, log_true = runs
     highest = fresh.log_true.max(initial=-np.inf)
     outside = np.isfinite(log_true) & (log_true >= max(highest, log_true.max(initial=-np.inf)) - limits.reach)
-    outside[outside] = ~np.isfinite(law.log_density(theta[outside])) if outside.any() else False
+    outside[outside] = ~np.isfinite(drawn.log_density(theta[outside])) if outside.any() else False
     if not (outside.any() and np.isfinite(highest)):
         return fresh, ()
     depth = max(float(highest - log_true[outside].max()), 0.0)
@@ -45,17 +45,17 @@ def with_what_is_excluded(
     if missing > limits.mean**2 / (1.0 + limits.mean**2):
         return replace(fresh, missing=missing), (
             f"the given density ends where the posterior is still high: at a point that it excludes, the log density of the model "
-            f"is {depth:.2g} nats below the highest. Of a normal law that ends there {missing:.0%} would be missing",
+            f"is {depth:.2g} nats below the highest. Of a normal density that ends there {missing:.0%} would be missing",
         )
-    return replace(fresh, missing=missing), _valleys(law, (theta[outside], log_true[outside]), run)
+    return replace(fresh, missing=missing), _valleys(drawn, (theta[outside], log_true[outside]), run)
 
 
-def _valleys(law: DrawnLaw, beyond: Points, run: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
+def _valleys(drawn: DrawnDensity, beyond: Points, run: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
     """Search for valleys on the paths from excluded points to the draws."""
     theta, log_true = beyond
     if len(theta) > FOLLOWED:
         return (f"the given density excludes {len(theta)} true runs that matter, and {FOLLOWED} at most are followed",)
-    ways = _ways(law, theta)
+    ways = _ways(drawn, theta)
     result = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
     divided = int((result.min(axis=0) < log_true - VALLEY).sum())
     if not divided:
@@ -66,9 +66,9 @@ def _valleys(law: DrawnLaw, beyond: Points, run: Callable[[np.ndarray], np.ndarr
     )
 
 
-def _ways(law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
+def _ways(drawn: DrawnDensity, theta: np.ndarray) -> np.ndarray:
     """Points on straight paths, in unconstrained coordinates, to the nearest draws: (position, path, parameter), in SI."""
-    phi, sd = law.bijection.inverse(theta), law.phi.std(axis=0)
-    nearest = scipy.spatial.KDTree(law.phi / sd).query(phi / sd)[1]
-    ways = np.stack([(1.0 - position) * phi + position * law.phi[nearest] for position in ON_THE_WAY])
-    return law.bijection(ways.reshape(-1, phi.shape[1]))[0].reshape(ways.shape)
+    phi, sd = drawn.bijection.inverse(theta), drawn.phi.std(axis=0)
+    nearest = scipy.spatial.KDTree(drawn.phi / sd).query(phi / sd)[1]
+    ways = np.stack([(1.0 - position) * phi + position * drawn.phi[nearest] for position in ON_THE_WAY])
+    return drawn.bijection(ways.reshape(-1, phi.shape[1]))[0].reshape(ways.shape)

@@ -46,12 +46,12 @@ def demo(
 
 def _act(number: int, name: str, folder: Path) -> StudyOutcome:
     """Run one of the studies, and summarise its result."""
-    from structid.report.page_summary import headline
+    from structid.report.page_summary import page_summary
 
     screen.print(f"\n[bold]{number}[/] {ACTS[name]}")
     packaged = resources.files("structid") / "study" / "templates" / "demo" / f"{name}.toml"
     with resources.as_file(packaged) as study:
         outcome = worked_on_screen(study, folder, resume=(folder / "identity.json").is_file(), shown=_PASSING)
     assert outcome.material is not None
-    screen.print(f"\n{headline(outcome.material)}", markup=False, soft_wrap=True)
+    screen.print(f"\n{page_summary(outcome.material)}", markup=False, soft_wrap=True)
     return outcome

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.engine.device import jnp
-from structid.inference.likelihood.observation_likelihood import BoundLikelihood
+from structid.inference.likelihood.observation_likelihood import ObservationLikelihood
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.traceable import as_traceable
 
@@ -59,13 +59,13 @@ def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
     kept = [i for i, name in enumerate(posterior.names) if name not in error_parameters]
     point = jnp.asarray(theta)[None, :]
 
-    def whitened(moved: Any, bound: BoundLikelihood) -> Any:
+    def whitened(moved: Any, bound: ObservationLikelihood) -> Any:
         response, _ = bound.response(moved, bound.measured)
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
         shown = bound.observation.in_sds(bound.shown(response, moved))
         return bound.discrepancy.whiten(shown, unknown, bound.channels, bound.dt)
 
-    def sensitivity(bound: BoundLikelihood) -> np.ndarray:
+    def sensitivity(bound: ObservationLikelihood) -> np.ndarray:
         def along(direction: Any) -> Any:
             return jax.jvp(lambda t: whitened(t, bound), (point,), (direction[None, :],))[1]
 

@@ -35,7 +35,7 @@ class _NegativeLogDensity:
     def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
         self.names, self._target = target.names, target
         box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
-        self.space = ParameterSpace(None, None, None, **box)
+        self.space = ParameterSpace(box)
         # Inverted as a correlation: in SI the variances of a stiffness and of an error variance lie thirty decades apart.
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlation = covariance / np.outer(sd, sd)

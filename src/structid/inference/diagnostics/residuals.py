@@ -10,7 +10,7 @@ import scipy
 from jaxtyping import Float
 
 from structid.inference.convergence import autocovariance
-from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.base import ErrorModel
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
@@ -90,13 +90,13 @@ def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " paramete
 
 
 def residual_warnings(
-    residuals: tuple[WhitenedResidual, ...], law: ErrorLaw, too_small_by: Mapping[str, float] | None
+    residuals: tuple[WhitenedResidual, ...], error_model: ErrorModel, too_small_by: Mapping[str, float] | None
 ) -> list[str]:
     """Warnings about residuals that the error model does not describe."""
-    added = law.added
+    added = error_model.added
     assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
-    if law.inside:
-        assumed += f" beside {law.describe()['kind']} parameters"
+    if error_model.inside:
+        assumed += f" beside {error_model.describe()['kind']} parameters"
     correlated = [residual for residual in residuals if residual.correlated]
     if not correlated:
         return []

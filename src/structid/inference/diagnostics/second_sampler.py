@@ -103,7 +103,7 @@ class Representation(ShownAsText):
         return "\n".join([heading, *(f"  - {failure}" for failure in self.failures)])
 
 
-def represented(
+def check_representation(
     target: Target,
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     known: Float[np.ndarray, "point parameter"],

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.notebook import ShownAsText
+from structid.core.renamed import renamed_attribute
 from structid.inference.convergence import ParameterDiagnostics, standard_error
 from structid.inference.diagnostics.prior_warnings import PriorWarning
 from structid.inference.prediction.best_prediction import BestPrediction
@@ -40,8 +41,8 @@ class Verdict(ShownAsText):
         What the reader must know besides convergence.
     wrong_model : tuple of str
         What speaks against the model; not judged before the run has converged.
-    wrong_law : tuple of str
-        What speaks against the law of the errors; likewise.
+    wrong_error_model : tuple of str
+        What speaks against the error model; likewise.
     against_priors : tuple of PriorWarning
         Which of the warnings are of priors that the data contradict, and what to do about each.
     parameters : dict of str to ParameterDiagnostics
@@ -71,7 +72,7 @@ class Verdict(ShownAsText):
     kept_steps: int
     needed_length: float
     wrong_model: tuple[str, ...] = ()
-    wrong_law: tuple[str, ...] = ()
+    wrong_error_model: tuple[str, ...] = ()
     against_priors: tuple[PriorWarning, ...] = ()
 
     @property
@@ -84,25 +85,30 @@ class Verdict(ShownAsText):
         """Whether that prediction differs from the measurement so much in size that a unit is probably wrong."""
         return self.best.of_another_size
 
+    wrong_law = renamed_attribute("wrong_law", "wrong_error_model")
+
     @property
     def doubt(self) -> str:
         """Heading for a wrong model or error model; empty where nothing contradicts them."""
         if self.wrong_model:
             return "The model is wrong for these data"
-        return "The errors are not what their law says" if self.wrong_law else ""
+        return "The errors are not what their error model assumes" if self.wrong_error_model else ""
 
     def __str__(self) -> str:
         head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
         lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
         if not self.converged:
-            lines.append("  Priors, model and law of the errors are judged once the run has converged.")
+            lines.append("  Priors, model and error model are judged once the run has converged.")
         if self.converged and not self.doubt and np.isfinite(self.unexplained):
             lines.append(
                 "  Nothing speaks against the model; its best prediction leaves "
                 f"{100.0 * self.unexplained:.2g} % of the measured variance unexplained."
             )
         if self.doubt:
-            lines += [self.doubt.upper(), *(f"  - {sentence}" for sentence in (*self.wrong_model, *self.wrong_law))]
+            lines += [
+                self.doubt.upper(),
+                *(f"  - {sentence}" for sentence in (*self.wrong_model, *self.wrong_error_model)),
+            ]
         return "\n".join(lines)
 
 

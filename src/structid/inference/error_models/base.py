@@ -16,7 +16,7 @@ from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 
 
-class ErrorLaw(ABC):
+class ErrorModel(ABC):
     """What may be wrong between model and measurement: errors inside the model, and errors ε added to its response."""
 
     @property
@@ -29,8 +29,8 @@ class ErrorLaw(ABC):
         """Whether there are errors inside the model, too."""
         return self.added is not self
 
-    def among(self, space: ParameterSpace, duration: float) -> ErrorLaw:
-        """Return the law for a model with these unknown parameters.
+    def among(self, space: ParameterSpace, duration: float) -> ErrorModel:
+        """Return the error model for a model with these unknown parameters.
 
         Parameters
         ----------
@@ -41,8 +41,8 @@ class ErrorLaw(ABC):
 
         Returns
         -------
-        ErrorLaw
-            The same law, where what it says does not depend on them.
+        ErrorModel
+            The same one, where it does not depend on them.
         """
         return self
 
@@ -103,8 +103,8 @@ class ErrorLaw(ABC):
         """Return everything that defines the error model, for hashes and reports."""
 
 
-class Discrepancy(ErrorLaw):
-    """A law of ε with parameters of its own, which are inferred with the model's."""
+class Discrepancy(ErrorModel):
+    """An error model for ε, added to the response, with parameters of its own, which are inferred with the model's."""
 
     @property
     def added(self) -> Discrepancy:
@@ -122,7 +122,7 @@ class Discrepancy(ErrorLaw):
     def log_likelihood_of_squares(
         self, squares: Float[Array, "channel run"], samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Float[Array, " run"]:
-        """Log density of a residual from its sum of squares, inside JAX; for laws that need only that.
+        """Log density of a residual from its sum of squares, inside JAX; for error models that need only that.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Discrepancy(ErrorLaw):
     def fold(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int
     ) -> Fold | None:
-        """Give the log density of a residual as a fold over its samples, inside JAX, for a law that has one.
+        """Give the log density of a residual as a fold over its samples, inside JAX, for an error model that has one.
 
         Parameters
         ----------
@@ -163,14 +163,14 @@ class Discrepancy(ErrorLaw):
         Returns
         -------
         Fold or None
-            Of samples (channel, run) to the log-likelihood (run,); None for a law that wants the residual whole.
+            Of samples (channel, run) to the log-likelihood (run,); None for an error model that needs the whole residual.
         """
         return None
 
     def variances(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any
     ) -> Float[Array, "channel run"]:
-        """σ² of every channel and run; for laws of independent errors.
+        """σ² of every channel and run; for error models with independent errors.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Discrepancy(ErrorLaw):
         array, shape (channel, run)
             In the square of each channel's SI unit.
         """
-        raise NotImplementedError(f"{type(self).__name__} is no law of independent errors")
+        raise NotImplementedError(f"{type(self).__name__} has no independent errors")
 
     @abstractmethod
     def parameters(

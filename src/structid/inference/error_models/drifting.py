@@ -10,8 +10,8 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.units import factor
 from structid.core.validation import check_arguments
-from structid.inference.error_models.base import Discrepancy, ErrorLaw
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.base import Discrepancy, ErrorModel
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.error_models.independent import IID, IID_KIND
 from structid.inference.error_models.kernels import AR1_KIND, DAMPED_COSINE_KIND
 from structid.models.base import Model
@@ -32,7 +32,7 @@ DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Drifting(ErrorLaw):
+class Drifting(ErrorModel):
     """y = M(θ + d∘b(t)) + ε: a wrong model's parameters are not those of the structure all the time, but drift about their mean.
 
     b_j(t) is linear between knots, where it is N(0, 1). Its standard deviations d_j have lognormal priors, 95 % of which lie
@@ -45,7 +45,7 @@ class Drifting(ErrorLaw):
     every : float, optional
         Time between knots [s]; a fifth of the first record where it is left out.
     errors : Discrepancy
-        Law of the ε that are added to the response.
+        Error model of the ε that are added to the response.
     """
 
     every: float | None = None
@@ -62,7 +62,7 @@ class Drifting(ErrorLaw):
         return self.errors
 
     def among(self, space: ParameterSpace, duration: float) -> Drifting:
-        """Return the law for these parameters; see `ErrorLaw.among`.
+        """Return the error model for these parameters; see `ErrorModel.among`.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Drifting(ErrorLaw):
 
     @property
     def _drifting(self) -> ParameterSpace:
-        assert self._space is not None, "a law that a posterior has bound to its parameters"
+        assert self._space is not None, "an error model that a posterior has bound to its parameters"
         return self._space
 
     def _knots(self, duration: float) -> int:
@@ -111,7 +111,7 @@ class Drifting(ErrorLaw):
         return priors
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
-        """Give the values of every b_j at the knots; see `ErrorLaw.hidden_parameters`.
+        """Give the values of every b_j at the knots; see `ErrorModel.hidden_parameters`.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Drifting(ErrorLaw):
         return {name: Normal(0.0, 1.0) for name in knot_names(self._drifting.names, self._knots(duration))}
 
     def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
-        """Give the values at the knots of each parameter; see `ErrorLaw.scatters`.
+        """Give the values at the knots of each parameter; see `ErrorModel.scatters`.
 
         Parameters
         ----------
@@ -142,7 +142,7 @@ class Drifting(ErrorLaw):
         return {(name, drift_name(name)): knot_names((name,), knots) for name in self._drifting.names}
 
     def responding(self, model: Model, duration: float) -> Model:
-        """Return the model with drifting parameters; see `ErrorLaw.responding`.
+        """Return the model with drifting parameters; see `ErrorModel.responding`.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Drifting(ErrorLaw):
         return DriftingModel(model, self._drifting, self._knots(duration), self.every)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, the time between knots, and the law of the added errors.
+        """Return the kind, the time between knots, and the model of the added errors.
 
         Returns
         -------
@@ -170,7 +170,7 @@ class Drifting(ErrorLaw):
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 
-ERRORS = {kind.word: kind.law for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
+ERRORS = {kind.word: kind.error_model for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
 """Error models added to the response besides the drift, by their name in a study file."""
 
 
@@ -178,4 +178,4 @@ def _of_words(every: float | None = None, errors: str = "iid") -> Drifting:
     return Drifting(every, ERRORS[errors]())
 
 
-DRIFTING_KIND = LawKind(_of_words, "drifting", {"every": "s"}, {"errors": (Literal[tuple(ERRORS)], "iid")})
+DRIFTING_KIND = ErrorModelKind(_of_words, "drifting", {"every": "s"}, {"errors": (Literal[tuple(ERRORS)], "iid")})

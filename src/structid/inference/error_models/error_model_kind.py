@@ -11,13 +11,13 @@ SQUARED = "squared channel"
 
 
 @dataclass(frozen=True, eq=False)
-class LawKind:
-    """One law of the discrepancy: its word and its keys in a study file.
+class ErrorModelKind:
+    """One error model: its word and its keys in a study file.
 
     Parameters
     ----------
-    law : callable
-        The class, or what makes the law of the keys.
+    error_model : callable
+        The class, or what builds the error model from the keys.
     word : str
         ``kind`` in a study file.
     quantities : mapping of str to str
@@ -26,7 +26,7 @@ class LawKind:
         Other keys: the type as pydantic reads it, and the default.
     """
 
-    law: Callable[..., Any]
+    error_model: Callable[..., Any]
     word: str
     quantities: Mapping[str, str]
     switches: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)

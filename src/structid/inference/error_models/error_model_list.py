@@ -1,11 +1,11 @@
-"""All error models. A new one is a file with its `LawKind` and a line here."""
+"""All error models. A new one is a file with its `ErrorModelKind` and a line here."""
 
 from __future__ import annotations
 
 from structid.inference.error_models import drifting, independent, kernels
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 
-LAWS: tuple[LawKind, ...] = (
+LAWS: tuple[ErrorModelKind, ...] = (
     independent.IID_KIND,
     kernels.AR1_KIND,
     kernels.MATERN32_KIND,

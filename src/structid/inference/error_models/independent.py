@@ -13,7 +13,7 @@ from structid.core.units import squared
 from structid.core.validation import check_arguments, real_number
 from structid.engine.array_module import namespace
 from structid.inference.error_models.base import Discrepancy
-from structid.inference.error_models.error_model_kind import SQUARED, LawKind
+from structid.inference.error_models.error_model_kind import SQUARED, ErrorModelKind
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
 
@@ -277,4 +277,4 @@ def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
         return (-0.5 * samples * logarithm - 0.5 * squares / variance).sum(axis=0)
 
 
-IID_KIND = LawKind(IID, "iid", {"variance": SQUARED}, {"per_channel": (bool, True)})
+IID_KIND = ErrorModelKind(IID, "iid", {"variance": SQUARED}, {"per_channel": (bool, True)})

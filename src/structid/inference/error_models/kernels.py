@@ -11,7 +11,7 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 from structid.inference.error_models.correlated import Correlated, Matrix
-from structid.inference.error_models.error_model_kind import SQUARED, LawKind
+from structid.inference.error_models.error_model_kind import SQUARED, ErrorModelKind
 from structid.probability.marginals import LogNormal, Uniform
 from structid.probability.truncation import Marginal
 
@@ -141,6 +141,6 @@ class DampedCosine(Correlated):
 
 _VARIANCES = {"variance": SQUARED, "white": SQUARED}
 
-AR1_KIND = LawKind(AR1, "ar1", {**_VARIANCES, "correlation_time": "s"})
-MATERN32_KIND = LawKind(Matern32, "matern32", {**_VARIANCES, "correlation_time": "s"})
-DAMPED_COSINE_KIND = LawKind(DampedCosine, "damped_cosine", {**_VARIANCES, "frequency": "Hz", "damping": ""})
+AR1_KIND = ErrorModelKind(AR1, "ar1", {**_VARIANCES, "correlation_time": "s"})
+MATERN32_KIND = ErrorModelKind(Matern32, "matern32", {**_VARIANCES, "correlation_time": "s"})
+DAMPED_COSINE_KIND = ErrorModelKind(DampedCosine, "damped_cosine", {**_VARIANCES, "frequency": "Hz", "damping": ""})

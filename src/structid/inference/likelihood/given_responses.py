@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
-from structid.inference.likelihood.observation_likelihood import BoundLikelihood
+from structid.inference.likelihood.observation_likelihood import ObservationLikelihood
 
 
 class GivenResponses:
@@ -43,7 +43,7 @@ class GivenResponses:
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)
 
 
-def _sum_of_squares(bound: BoundLikelihood, runs: np.ndarray) -> np.ndarray | None:
+def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarray | None:
     """Σ (y − M)² (channel, run) of responses (run, time, channel), where the likelihood needs no more."""
     if not bound.needs_only_squares:
         return None

@@ -14,8 +14,8 @@ from structid.core.errors import InputError
 from structid.core.progress import Progress
 from structid.engine.device import jnp
 from structid.ground_motion.excitation import Excitation
-from structid.inference.error_models.base import ErrorLaw
-from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured, own_priors
+from structid.inference.error_models.base import ErrorModel
+from structid.inference.likelihood.observation_likelihood import Measured, ObservationLikelihood, own_priors
 from structid.inference.likelihood.shared_response import log_likelihood_of, of_one_run, of_one_test
 from structid.models.base import Map, Model
 from structid.models.traceable import as_traceable
@@ -37,18 +37,18 @@ class JointLikelihood:
         model_space: ParameterSpace,
         model: Model,
         observations: tuple[Observation, ...],
-        law: ErrorLaw,
+        error_model: ErrorModel,
         *,
         map: Map | None = None,
         model_error: bool = False,
     ) -> None:
         self.model, self._map = model, map
-        self.law = law.among(model_space, observations[0].record.duration)
-        priors_of_observation = [own_priors(observation, self.law) for observation in observations]
+        self.error_model = error_model.among(model_space, observations[0].record.duration)
+        priors_of_observation = [own_priors(observation, self.error_model) for observation in observations]
         self._tests = of_one_test(observations)
-        self._names = _names_in_theta(observations, self._tests, self.law, priors_of_observation)
+        self._names = _names_in_theta(observations, self._tests, self.error_model, priors_of_observation)
         self.space = model_space.extended(
-            **self.law.shared_parameters,
+            **self.error_model.shared_parameters,
             **{
                 names[name]: prior
                 for names, priors in zip(self._names, priors_of_observation, strict=True)
@@ -57,11 +57,11 @@ class JointLikelihood:
         )
         responding: dict[int, Model] = {}
         for numbers in self._tests:
-            of_test = self.law.responding(model, observations[numbers[0]].record.duration)
+            of_test = self.error_model.responding(model, observations[numbers[0]].record.duration)
             responding |= dict.fromkeys(numbers, of_test)
         self.of = tuple(
-            BoundLikelihood(
-                responding[number], observation, self.law.added, self.space, self._names[number], model_error
+            ObservationLikelihood(
+                responding[number], observation, self.error_model.added, self.space, self._names[number], model_error
             )
             for number, observation in enumerate(observations)
         )
@@ -79,14 +79,16 @@ class JointLikelihood:
                 float(marginals[sd].quantile(np.array(0.5))),
             )
             for numbers in self._tests
-            for (mean, sd), members in self.law.scatters(self.of[numbers[0]].observation.record.duration).items()
+            for (mean, sd), members in self.error_model.scatters(
+                self.of[numbers[0]].observation.record.duration
+            ).items()
         ]
         return Bijection(plain.bounds, plain.scales, scatters, plain.logarithmic) if scatters else plain
 
     @cached_property
     def discrepancy_names(self) -> set[str]:
         """Parameters of the error model, for all observations."""
-        return set(self.law.shared_parameters) | {
+        return set(self.error_model.shared_parameters) | {
             label
             for bound, names in zip(self.of, self._names, strict=True)
             for name, label in names.items()
@@ -95,11 +97,11 @@ class JointLikelihood:
 
     @cached_property
     def hidden_names(self) -> frozenset[str]:
-        """Latent parameters of all observations; see `ErrorLaw.hidden_parameters`."""
+        """Latent parameters of all observations; see `ErrorModel.hidden_parameters`."""
         return frozenset(
             names[name]
             for bound, names in zip(self.of, self._names, strict=True)
-            for name in self.law.hidden_parameters(bound.observation.record.duration)
+            for name in self.error_model.hidden_parameters(bound.observation.record.duration)
         )
 
     def model_parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
@@ -112,11 +114,14 @@ class JointLikelihood:
         """Model and parameters for the response to a record, including errors inside the model."""
         if index is not None:
             return self.of[index].model, np.asarray(self.of[index].parameters(theta))
-        model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
+        model, hidden = (
+            self.error_model.responding(self.model, record.duration),
+            self.error_model.hidden_parameters(record.duration),
+        )
         if not hidden:
             return model, np.asarray(self.model_parameters(theta))
         columns = self.space.columns(theta, [name for name in model.free if name not in hidden])
-        drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
+        drawn = ParameterSpace(hidden).from_uniform(rng.random((len(theta), len(hidden))))
         return model, np.concatenate([columns, drawn], axis=1)
 
     def points(self, theta: np.ndarray) -> Float[np.ndarray, "run parameter"]:
@@ -151,7 +156,7 @@ class JointLikelihood:
     @property
     def loops_over_time(self) -> bool:
         """Whether it is a loop over time inside JAX, which XLA runs on one core."""
-        return as_traceable(self.model, "likelihood inside JAX").loops or not self.law.added.independent
+        return as_traceable(self.model, "likelihood inside JAX").loops or not self.error_model.added.independent
 
     def on_host(
         self,
@@ -191,7 +196,7 @@ class JointLikelihood:
 def _names_in_theta(
     observations: Sequence[Observation],
     tests: Sequence[Sequence[int]],
-    law: ErrorLaw,
+    error_model: ErrorModel,
     own_names: Sequence[Iterable[str]],
 ) -> list[dict[str, str]]:
     """Names in θ of each observation's own parameters, by plain name."""
@@ -200,6 +205,6 @@ def _names_in_theta(
     first = {number: numbers[0] for numbers in tests for number in numbers}
     result = []
     for number, (observation, names) in enumerate(zip(observations, own_names, strict=True)):
-        hidden = law.hidden_parameters(observation.record.duration)
+        hidden = error_model.hidden_parameters(observation.record.duration)
         result.append({name: f"{name}_{(first[number] if name in hidden else number) + 1}" for name in names})
     return result

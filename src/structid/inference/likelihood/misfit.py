@@ -19,7 +19,7 @@ from structid.engine.lanes.in_lanes import InLanes
 from structid.engine.slopes import with_slopes
 from structid.engine.time_loop import Fold, TimeLoop, with_sensitivities
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
-from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured
+from structid.inference.likelihood.observation_likelihood import Measured, ObservationLikelihood
 from structid.inference.likelihood.shared_response import squares_of
 from structid.models.traceable import as_traceable
 from structid.observation import Observation
@@ -134,7 +134,7 @@ class Misfit:
 
         return sample
 
-    def _loop(self, bound: BoundLikelihood, measured: Measured, theta: Any) -> TimeLoop:
+    def _loop(self, bound: ObservationLikelihood, measured: Measured, theta: Any) -> TimeLoop:
         """The loop over time of parameters (parameter, run)."""
         loop = bound.loop(bound.parameters(self._with_rest(theta.T)), measured)
         assert loop is not None  # `_compiled` has looked

@@ -21,7 +21,7 @@ from structid.core.errors import Status
 from structid.engine.device import jnp
 from structid.engine.time_loop import Fold, TimeLoop, once_along_each, sum_of_squares
 from structid.histories import Histories
-from structid.inference.error_models.base import Discrepancy, ErrorLaw
+from structid.inference.error_models.base import Discrepancy, ErrorModel
 from structid.models.base import Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.observation import Observation
@@ -48,15 +48,15 @@ class Measured:
 jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", "shortcut"], meta_fields=[])
 
 
-def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
+def own_priors(observation: Observation, error_model: ErrorModel) -> dict[str, Marginal]:
     """Priors of the parameters of an observation besides the model's."""
     record = observation.record
     values = observation.in_sds(observation.values)
-    added = law.added.parameters(values, observation.channels, record.dt, observation.error_units)
-    return observation.nuisances() | added | law.hidden_parameters(record.duration)
+    added = error_model.added.parameters(values, observation.channels, record.dt, observation.error_units)
+    return observation.nuisances() | added | error_model.hidden_parameters(record.duration)
 
 
-class BoundLikelihood:
+class ObservationLikelihood:
     """log L(y | θ) of one observation under one model."""
 
     def __init__(

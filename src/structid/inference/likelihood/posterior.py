@@ -16,13 +16,14 @@ from structid.core.channels import check_channels
 from structid.core.errors import InputError
 from structid.core.hashing import digest
 from structid.core.progress import Progress
+from structid.core.renamed import renamed_argument, renamed_attribute
 from structid.core.units import same_dimension, squared
 from structid.core.validation import check_arguments
 from structid.engine.batches import LARGEST_BATCH, in_batches
 from structid.engine.device import BATCH_SIZES, jnp
 from structid.engine.lanes.differentiable import differentiable_in_lanes
 from structid.engine.lanes.in_lanes import InLanes
-from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
 from structid.inference.likelihood.given_responses import GivenResponses
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
@@ -46,8 +47,8 @@ class Posterior(Target):
         Any model: built in, external, or a surrogate.
     observations : Observation or sequence of Observation
         The measurements; each has its own discrepancy and nuisances, numbered ``_1``, ``_2``, … when there are several.
-    discrepancy : ErrorLaw
-        The law of the difference between model and measurement: of errors that are added to the response, or inside the model.
+    discrepancy : ErrorModel
+        The error model: errors that are added to the response, or inside the model.
     map : callable, optional
         Maps the runs of an external model, like ``Executor.map``.
     refuse_unfit : bool
@@ -62,7 +63,7 @@ class Posterior(Target):
     ----------
     names : tuple of str
         The model's parameters, then the nuisances, then the discrepancy's parameters.
-    law, discrepancy : ErrorLaw, Discrepancy
+    error_model, discrepancy : ErrorModel, Discrepancy
         All that may be wrong between model and measurement, and of it what is added to the response.
     """
 
@@ -71,7 +72,7 @@ class Posterior(Target):
         space: ParameterSpace,
         model: Model,
         observations: Observation | Sequence[Observation],
-        discrepancy: ErrorLaw | None = None,
+        discrepancy: ErrorModel | None = None,
         map: Map | None = None,
         refuse_unfit: bool = True,
         model_error: bool = False,
@@ -79,10 +80,12 @@ class Posterior(Target):
         self.model_space, self.model, self.map, self.model_error = space, model, map, model_error
         self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
         self._check(refuse_unfit)
-        law = IID() if discrepancy is None else discrepancy
-        self.likelihood = JointLikelihood(space, model, self.observations, law, map=map, model_error=model_error)
-        self.law, self.space = self.likelihood.law, self.likelihood.space
-        self.discrepancy = self.law.added
+        error_model = IID() if discrepancy is None else discrepancy
+        self.likelihood = JointLikelihood(
+            space, model, self.observations, error_model, map=map, model_error=model_error
+        )
+        self.error_model, self.space = self.likelihood.error_model, self.likelihood.space
+        self.discrepancy = self.error_model.added
         self.names, self.own = self.space.names, list(range(space.dimension))
         self.bijection = self.likelihood.bijection
 
@@ -105,7 +108,7 @@ class Posterior(Target):
             "space": self.model_space,
             "model": self.model,
             "observations": self.observations,
-            "discrepancy": self.law,
+            "discrepancy": self.error_model,
             "map": self.map,
             "refuse_unfit": False,
             "model_error": self.model_error,
@@ -119,7 +122,7 @@ class Posterior(Target):
 
     @property
     def hidden(self) -> frozenset[str]:
-        """Values of the errors inside the model at single times; see `ErrorLaw.hidden_parameters`."""
+        """Values of the errors inside the model at single times; see `ErrorModel.hidden_parameters`."""
         return self.likelihood.hidden_names
 
     @property
@@ -176,8 +179,13 @@ class Posterior(Target):
         """
         return self._like(map=map)
 
-    def on(self, model: Model | None = None, refuse_unfit: bool = True, law: ErrorLaw | None = None) -> Posterior:
-        """Return the posterior of the same parameters and measurements under another model, such as a surrogate, or another law.
+    law = renamed_attribute("law", "error_model")
+
+    @renamed_argument(law="error_model")
+    def on(
+        self, model: Model | None = None, refuse_unfit: bool = True, error_model: ErrorModel | None = None
+    ) -> Posterior:
+        """Return the posterior of the same parameters and data under another model, such as a surrogate, or error model.
 
         Parameters
         ----------
@@ -185,17 +193,17 @@ class Posterior(Target):
             The model; this one's when left out.
         refuse_unfit : bool
             Refuse a surrogate whose error exceeds its limit.
-        law : ErrorLaw, optional
-            The law of the errors; this one's when left out.
+        error_model : ErrorModel, optional
+            The error model; this one's when left out.
 
         Returns
         -------
         Posterior
             With these instead of this one's.
         """
-        of_law = {} if law is None else {"discrepancy": law}
-        other = self._like(**of_law, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
-        if law is None and other.model.channels == self.model.channels:
+        changed = {} if error_model is None else {"discrepancy": error_model}
+        other = self._like(**changed, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
+        if error_model is None and other.model.channels == self.model.channels:
             # Compiled once for all the surrogates of a calibration: a response does not tell which model it is of.
             other._compiled_given = self._compiled_given
         return other
@@ -214,7 +222,7 @@ class Posterior(Target):
     def content_hash(self) -> str:
         """Hash of prior, model, measurements and error model."""
         described = [o.describe() for o in self.observations]
-        parts = [self.space.content_hash, self.model.content_hash, described, self.law.describe()]
+        parts = [self.space.content_hash, self.model.content_hash, described, self.error_model.describe()]
         return digest(*parts, *(["model error"] if self.model_error else []))
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:

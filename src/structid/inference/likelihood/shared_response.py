@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from structid.core.arrays import Array
 from structid.engine.time_loop import once_along_each, side_by_side
-from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured
+from structid.inference.likelihood.observation_likelihood import Measured, ObservationLikelihood
 from structid.observation import Observation
 
 
@@ -31,7 +31,7 @@ def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], .
     return tuple(tuple(numbers) for _, _, numbers in tests)
 
 
-def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
+def of_one_run(bounds: Sequence[ObservationLikelihood]) -> tuple[tuple[int, ...], ...]:
     """Group observations that share a response: one record, one model and the same model parameters."""
     groups: dict[Any, list[int]] = {}
     for number, bound in enumerate(bounds):
@@ -40,7 +40,7 @@ def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]
 
 
 def squares_of(
-    bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
+    bounds: Sequence[ObservationLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
 ) -> tuple[list[Any], Any]:
     """Sums of squared residuals of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
@@ -55,7 +55,7 @@ def squares_of(
 
 
 def log_likelihood_of(
-    bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
+    bounds: Sequence[ObservationLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
 ) -> tuple[Any, Any]:
     """Log-likelihood of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
@@ -70,7 +70,7 @@ def log_likelihood_of(
     return sum(each), functools.reduce(operator.and_, finite)
 
 
-def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
+def _in_one_loop(bounds: Sequence[ObservationLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
     """Whether there are several observations, and one loop over time serves all of them."""
     if len(bounds) == 1 or any(data_of_one.shortcut is not None for data_of_one in data):
         return False
@@ -79,7 +79,7 @@ def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[M
 
 
 def _folded(
-    bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
+    bounds: Sequence[ObservationLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
 ) -> tuple[Any, Any]:
     """Values of all folds, and whether the response is finite, from one loop over time.
 

@@ -82,7 +82,7 @@ def drift_of(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], fit: Float[np.ndarray, " parameter"]
 ) -> ParameterDrift | None:
     """Return the drift from the error model, or estimate it from the residuals of a fit."""
-    return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
+    return ParameterDrift.sampled(posterior, draws) if posterior.error_model.inside else parameter_drift(posterior, fit)
 
 
 def parameter_drift(

@@ -239,14 +239,14 @@ class Predictor:
         """Draws of the response; on another record with the instruments' nuisances only on request."""
         posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
         observations = posterior.observations
-        if self.drift is not None and not posterior.law.inside and not sources.here:
+        if self.drift is not None and not posterior.error_model.inside and not sources.here:
             theta = self.drift.moved(theta, hidden)
         measured = {index: observations[index].channels for index in sources.indices}
         every = tuple(
             dict.fromkeys((*(c for channels_of_one in measured.values() for c in channels_of_one), *sources.channels))
         )
         # Errors inside the model are an observation's own: then each has a run of its own.
-        alone = posterior.law.inside and len(sources.here) > 1
+        alone = posterior.error_model.inside and len(sources.here) > 1
         runs = {
             index: self._run(theta, record, every, index, hidden, progress, stand_in)
             for index in (sources.indices if alone else [min(sources.here, default=None)])
@@ -266,25 +266,25 @@ class Predictor:
         responses = {index: response_of(index, channels_of_one) for index, channels_of_one in measured.items()}
         plain = response_of(None, sources.channels)
 
-        def erring(law: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
+        def erring(error_model: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
             result = plain.copy()
             for index, response in responses.items():
                 observation, places = observations[index], sources.places(index)
                 there = [observation.channels.index(sources.channels[index_of_channel]) for index_of_channel in places]
                 values = response
-                if law is not None:
+                if error_model is not None:
                     drawn = purpose or (
                         Purpose.PREDICTION_ON_THE_RECORD
                         if index in sources.here
                         else Purpose.PREDICTION_ON_ANOTHER_RECORD
                     )
                     rng, unknown = stream(self.seed, drawn, index), posterior.unknowns(theta[good], index)
-                    errors = law.draw(rng, response.shape, unknown, observation.channels, record.dt)
+                    errors = error_model.draw(rng, response.shape, unknown, observation.channels, record.dt)
                     values = response + self._size_of_errors(index, response, record.dt, index in sources.here) * errors
                 result[:, :, places] = values[:, :, there]
             return np.asarray(result)
 
-        law, first = posterior.discrepancy, next(iter(runs.values()))
+        error_model, first = posterior.discrepancy, next(iter(runs.values()))
         units = first.units | {
             c: observations[index].channel_unit(c)
             for index, channels_of_one in reversed(measured.items())
@@ -295,11 +295,11 @@ class Predictor:
             first.time,
             sources.channels,
             erring(None),
-            erring(law),
+            erring(error_model),
             int((~good).sum()),
             record.name,
             {c: units[c] for c in sources.channels},
-            erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
+            erring(error_model.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
             status=np.max([run.status for run in runs.values()], axis=0),
         )
 

@@ -19,7 +19,7 @@ from structid.core.streams import Purpose, stream
 from structid.core.validation import check_arguments
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Block, Cost, Drawn, Keep, Sampler, correlation, joined
-from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
+from structid.inference.sampling.moves import EnsembleState, IndependenceProposal, Moves, halves, move_walkers
 from structid.inference.sampling.starting_points import tempered_draws
 from structid.inference.sampling.transformed_density import InCoordinates
 from structid.inference.target import Target
@@ -41,7 +41,7 @@ class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
     Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s. These are stretch and
-    differential-evolution moves, which look only at the resting half, and independence moves from a law learnt in the first
+    differential-evolution moves, which look only at the resting half, and independence moves from a proposal learnt in the first
     steps. The end point x′ is one proposal. It costs one run of the model and is accepted with probability
     min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}. Every twentieth step (every third with a poor surrogate) is a plain ensemble move, so
     that the chain is never much worse than one without a surrogate.
@@ -56,12 +56,12 @@ class DelayedAcceptance(Sampler):
     steps : int
         Steps of every walker, each of which is one run of the model.
     ensembles : int
-        Ensembles, independent of one another once the law of the independence moves is learnt. R-hat compares them.
+        Ensembles, independent of one another once the proposal of the independence moves is learnt. R-hat compares them.
     discard : float
         Fraction of the steps dropped at the start.
     tuning : int
-        Number of first steps during which L is tuned by the acceptance and the law of the independence moves is learnt. They must
-        lie within the discarded part. With 1 or 0, that law is always fitted to the resting half alone.
+        Number of first steps that tune L by the acceptance and learn the proposal of the independence moves. They must
+        lie within the discarded part. With 1 or 0, that proposal is always fitted to the resting half alone.
     sub_steps : int
         L to begin with.
     most_sub_steps : int
@@ -69,7 +69,7 @@ class DelayedAcceptance(Sampler):
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves: drawn from a law fitted to all walkers of the later half of the tuning.
+        Fraction of the moves that are independence moves: drawn from a proposal fitted to all walkers of the tuning's later half.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves instead of stretch moves.
     """
@@ -199,7 +199,7 @@ class DelayedAcceptance(Sampler):
             none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
             blocks = [_block(state, none, 0, failed, runs, 0, length, length, PLAIN_EVERY)]
             keep(0, blocks[0])
-        law = self._learnt_law(blocks)
+        error_model = self._learnt_proposal(blocks)
         for number in range(len(blocks), self.steps):
             rng, last = stream(seed, Purpose.DELAYED_ACCEPTANCE_STEPS, number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
@@ -207,12 +207,12 @@ class DelayedAcceptance(Sampler):
             if number >= self.tuning and number % plain_every == plain_every - 1:
                 block = self._plain_step(target, proposing, state, length, plain_every, rng)
             else:
-                moves = self._moves(law)
+                moves = self._moves(error_model)
                 block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
             if number < self.tuning:
-                law = self._learnt_law(blocks)
+                error_model = self._learnt_proposal(blocks)
             if progress is not None:
                 progress(number + 1, self.steps)
         every = joined(blocks, self.steps)
@@ -226,11 +226,11 @@ class DelayedAcceptance(Sampler):
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
-    def _moves(self, law: IndependenceLaw | None = None) -> Moves:
+    def _moves(self, error_model: IndependenceProposal | None = None) -> Moves:
         """The moves, with a distribution for independent proposals."""
-        return Moves(self.stretch, self.differential_evolution, self.independent, law)
+        return Moves(self.stretch, self.differential_evolution, self.independent, error_model)
 
-    def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw | None:
+    def _learnt_proposal(self, blocks: list[Block]) -> IndependenceProposal | None:
         """Distribution of all walkers in the later half of the tuning steps; it then stays fixed.
 
         None before the first step, since walkers may start anywhere.
@@ -241,7 +241,7 @@ class DelayedAcceptance(Sampler):
             return None
         phi, log_surrogate = (np.stack([getattr(s, name) for s in learnt]) for name in ("phi", "log_surrogate"))
         together = EnsembleState(phi.reshape(1, -1, phi.shape[-1]), log_surrogate.reshape(1, -1))
-        return IndependenceLaw.fitted(together).shared_by(self.ensembles)
+        return IndependenceProposal.fitted(together).shared_by(self.ensembles)
 
     def _proposing(self, target: Target) -> Target:
         """The density that makes the proposals."""
@@ -344,7 +344,7 @@ class DelayedAcceptance(Sampler):
         rng: np.random.Generator,
     ) -> Block:
         """Make a single ensemble move without the surrogate."""
-        # A law learnt under a poor surrogate does not approximate the posterior; one fitted to the resting half always does.
+        # A proposal learnt under a poor surrogate does not approximate the posterior; one fitted to the resting half always does.
         state, moves = state.copied(), self._moves()
         accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):

@@ -87,7 +87,7 @@ def differential_proposal(
     return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
 
 
-class IndependenceLaw(NamedTuple):
+class IndependenceProposal(NamedTuple):
     """A mixture of Student-t distributions from which independence moves are drawn.
 
     Each component has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of
@@ -100,13 +100,13 @@ class IndependenceLaw(NamedTuple):
     share: Float[np.ndarray, " layer"]  # its fraction of the moves
 
     @classmethod
-    def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
+    def fitted(cls, walkers: EnsembleState) -> IndependenceProposal:
         """Fit a distribution to walkers, separately for each ensemble."""
         sizes = _layers(*walkers.phi.shape[1:])
         middle, factor = _layered(walkers, list(sizes))
         return cls(middle, factor, np.array(list(sizes.values())))
 
-    def shared_by(self, ensembles: int) -> IndependenceLaw:
+    def shared_by(self, ensembles: int) -> IndependenceProposal:
         """The distribution of a single ensemble, for several."""
         return self._replace(
             middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
@@ -163,15 +163,15 @@ def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.n
 
 
 def independent_proposal(
-    rng: np.random.Generator, moving: Float[np.ndarray, "ensemble walker parameter"], law: IndependenceLaw
+    rng: np.random.Generator, moving: Float[np.ndarray, "ensemble walker parameter"], error_model: IndependenceProposal
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
     x* is drawn from a distribution q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An
     accepted walker has forgotten its previous position.
     """
-    proposal = law.draw(rng, moving.shape[1])
-    return proposal, law.log_density(moving) - law.log_density(proposal)
+    proposal = error_model.draw(rng, moving.shape[1])
+    return proposal, error_model.log_density(moving) - error_model.log_density(proposal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,8 @@ class Moves:
     stretch: float  # a of the stretch move
     differential_evolution: float  # Fraction of differential-evolution moves among those that are not independent
     independent: float = 0.0  # Fraction of independence moves
-    # The law they are drawn from. When left out, it is fitted to the resting half for each of them
-    law: IndependenceLaw | None = None
+    # The proposal they are drawn from. When left out, it is fitted to the resting half for each of them
+    error_model: IndependenceProposal | None = None
 
     def kind(self, rng: np.random.Generator) -> Kind:
         """Draw the kind of a move."""
@@ -207,7 +207,9 @@ class Moves:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Propose a new position for every walker of a half."""
         if kind == "independent":
-            return independent_proposal(rng, moving, IndependenceLaw.fitted(resting) if self.law is None else self.law)
+            return independent_proposal(
+                rng, moving, IndependenceProposal.fitted(resting) if self.error_model is None else self.error_model
+            )
         if kind == "differential evolution":
             return differential_proposal(rng, moving, resting.phi)
         return stretch_proposal(rng, moving, resting.phi, self.stretch)

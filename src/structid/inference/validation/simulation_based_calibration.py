@@ -237,7 +237,7 @@ def sbc(
         What simulates the measurements, if not the posterior's own model. Give the model behind a surrogate, to put the
         surrogate's error to the test too.
     noise : Discrepancy, optional
-        The law of the errors added to them, if not the posterior's own. Its parameters must be known.
+        The error model added to them, if not the posterior's own. Its parameters must be known.
     progress : callable, optional
         Called with the percentage done and 100.
 
@@ -297,10 +297,10 @@ def _simulated(
         raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
     truth, values = truth[:replicas], [v[:replicas] for v in values]
     rng = stream(seed, Purpose.REPLICA_NOISE)
-    law = posterior.discrepancy if noise is None else noise
+    error_model = posterior.discrepancy if noise is None else noise
     for index, observation in enumerate(posterior.observations):
         unknown, dt = posterior.unknowns(truth, index), observation.record.dt
         shape = (replicas, len(observation.values), len(observation.channels))
         sd = 1.0 if observation.sd is None else observation.sd
-        values[index] = values[index] + sd * law.draw(rng, shape, unknown, observation.channels, dt)
+        values[index] = values[index] + sd * error_model.draw(rng, shape, unknown, observation.channels, dt)
     return truth, values

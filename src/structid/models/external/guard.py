@@ -20,7 +20,7 @@ from structid.core.hashing import digest
 from structid.core.reasons import with_words
 from structid.ground_motion.excitation import Excitation
 from structid.models.external.protocol import STANDARD_OUTPUT, Outcome, Solver, SolverError, StructureFailedError, Task
-from structid.models.external.returned import failed, judged
+from structid.models.external.returned import check_result, failed
 from structid.models.external.watchdog import LAST_WORDS, CallDiedError, CallTimeoutError, NotLoadedError, Watchdog
 
 
@@ -108,7 +108,7 @@ def _solved(model: Solver, excitation: Excitation, task: Task) -> Outcome:
     """Run the solver in the child process and check its result."""
     began = time.perf_counter()
     try:
-        outcome = judged(model.solve(task, excitation), excitation, model.channels)
+        outcome = check_result(model.solve(task, excitation), excitation, model.channels)
     except StructureFailedError as end:
         outcome = failed(end.reason, excitation, model.channels, end.values, Status.STRUCTURE_FAILED)
     except SolverError as failure:

@@ -14,7 +14,7 @@ from structid.histories import Histories
 from structid.models.external.protocol import Outcome
 
 
-def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
+def check_result(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
     """Check the result of a solver: shape, length, finite numbers."""
     samples = len(excitation)
     expected = f"{samples} rows of {', '.join(channels)}"
@@ -48,7 +48,7 @@ def failed(
     values = (
         np.full((len(excitation), len(channels)), np.nan)
         if partial is None
-        else judged(partial, excitation, channels).values
+        else check_result(partial, excitation, channels).values
     )
     good = np.isfinite(values).all(axis=1)
     reached = len(good) if good.all() else int(np.argmin(good))

@@ -29,7 +29,7 @@ from structid.models.masonry.equations.wall_motion import WallState, start, step
 from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
 from structid.models.masonry.finite_elements.layout import FACADE, Wall
 from structid.models.masonry.finite_elements.mesh import Mesh, mesh_of
-from structid.models.masonry.wall_failure import judged, with_rows
+from structid.models.masonry.wall_failure import name_failures, with_rows
 from structid.models.masonry.wall_film import WallFilm
 from structid.models.masonry.wall_parameters import OPTIONAL, PARAMETER_UNITS, check_priors_of, check_value
 from structid.models.masonry.wall_pictures import drawn_joint, drawn_mesh, pictures_of
@@ -244,7 +244,7 @@ class MasonryWall(TraceableModel):
         watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
             histories = self._one_by_one(theta, excitation, watched.channels, progress)
-            return judged(histories, self.mesh, self.step / CUTS[-1], self.channels)
+            return name_failures(histories, self.mesh, self.step / CUTS[-1], self.channels)
         histories = TraceableModel.run(watched, theta, excitation, progress, map)
         for cut in CUTS:
             lost = np.flatnonzero(~histories.done)
@@ -252,7 +252,7 @@ class MasonryWall(TraceableModel):
                 break
             finer = replace(watched, step=watched.step / cut)
             histories = with_rows(histories, lost, TraceableModel.run(finer, theta[lost], excitation))
-        return judged(histories, self.mesh, self.step / CUTS[-1], self.channels)
+        return name_failures(histories, self.mesh, self.step / CUTS[-1], self.channels)
 
     @cached_property
     def _watched(self) -> MasonryWall:

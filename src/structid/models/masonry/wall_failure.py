@@ -23,7 +23,7 @@ def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histor
     return replace(all_runs, values=values, status=status, failure_time=time, reasons=tuple(reasons))
 
 
-def judged(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, ...]) -> Histories:
+def name_failures(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, ...]) -> Histories:
     """Add to every run that ended early its reason, and drop the channels recorded for checks only."""
     lost, weakest = found.channel("support_lost"), found.channel("weakest_joint")
     values = found.values[:, :, [found.channels.index(c) for c in channels]].copy()

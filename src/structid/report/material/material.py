@@ -15,7 +15,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.inference.diagnostics.identifiability import Identifiability, identifiability
 from structid.inference.diagnostics.posterior_summary import Summary
-from structid.inference.error_model_choice import LawChoice
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.base import Model
@@ -54,7 +54,7 @@ class PosteriorMaterial(RunsMaterial):
     prediction_draws: int  # number of draws of the bands
     calibration: CalibrationResult | None = None  # certificate and rounds
     left_to_the_data: bool = False  # whether the study lets the data choose the error model
-    law_choice: LawChoice | None = None  # the choice
+    law_choice: ErrorModelChoice | None = None  # the choice
     fragility: Fragility | None = None  # probability of a passage, given the data
     predicted_channels: tuple[str, ...] = ()  # channels predicted for other records; empty for the measured ones
     loop: LoopLines | None = None  # lines through a measured loop, for priors

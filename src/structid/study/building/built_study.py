@@ -66,7 +66,7 @@ class BuiltStudy:
             parts["campaign records"] = [r.content_hash for r in self.campaign_records]
         if self.posterior is not None:
             parts["observation"] = digest([o.describe() for o in self.posterior.observations])
-            parts["discrepancy"] = AUTO if self.law_is_open else digest(self.posterior.law.describe())
+            parts["discrepancy"] = AUTO if self.error_model_is_open else digest(self.posterior.error_model.describe())
             parts["sampler"] = digest(self.sampler.describe())
         if self.has_surrogate:
             settings_of_surrogate = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
@@ -84,7 +84,7 @@ class BuiltStudy:
         return self if model is self.model else replace(self, model=model, posterior=posterior)
 
     @property
-    def law_is_open(self) -> bool:
+    def error_model_is_open(self) -> bool:
         """Whether the data choose the error model."""
         return self.file.discrepancy.kind == AUTO
 

@@ -46,7 +46,7 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
         _check_surrogate(study, study.campaign, study.campaign_records)
     if study.posterior is None:
         return
-    if study.has_surrogate and study.posterior.law.inside:
+    if study.has_surrogate and study.posterior.error_model.inside:
         raise InputError(
             "key 'discrepancy.kind'",
             f"'{study.file.discrepancy.kind}' with a [surrogate]",

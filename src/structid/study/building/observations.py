@@ -16,7 +16,7 @@ from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.inference.error_model_choice import AUTO
 from structid.inference.error_models import error_model_list as law_list
-from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.error_model_kind import SQUARED
 from structid.inference.error_models.independent import IID
 from structid.models.base import Model
@@ -110,7 +110,7 @@ def _si_unit(section: ObservationSection, where: str) -> str:
         return si_unit(section.unit)
 
 
-def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> ErrorLaw:
+def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> ErrorModel:
     """Build the error model."""
     section = file.discrepancy
     if section.kind == AUTO:
@@ -135,5 +135,5 @@ def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> Err
     }
     values |= {key: getattr(section, key) for key in kind.switches if key in given}
     with within("table 'discrepancy'"):
-        law: ErrorLaw = kind.law(**values)
-    return law
+        error_model: ErrorModel = kind.error_model(**values)
+    return error_model

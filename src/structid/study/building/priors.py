@@ -96,7 +96,7 @@ def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> Par
         if len(names) != 2:
             raise InputError(f"key 'correlation.{pair}'", f"'{pair}'", 'two names, such as "stiffness, alpha" = 0.4')
         correlation[names[0], names[1]] = value
-    return ParameterSpace(correlation or None, file.derived, file.coordinates, **priors)
+    return ParameterSpace(priors, correlation=correlation or None, derived=file.derived, coordinates=file.coordinates)
 
 
 def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:

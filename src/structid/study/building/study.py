@@ -102,7 +102,7 @@ def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
     try:
         return parameter_space(file, loop)
     except InputError:
-        return ParameterSpace(None, None, None, **dict.fromkeys(file.parameters, Gamma(mean=1.0, sd=0.5)))
+        return ParameterSpace(dict.fromkeys(file.parameters, Gamma(mean=1.0, sd=0.5)))
 
 
 def _observed(
@@ -138,10 +138,10 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     posterior = None
     if observations:
         measured = {c: unit for o in observations for c, unit in zip(o.channels, o.error_units, strict=True)}
-        law = build_discrepancy(file, measured)
+        error_model = build_discrepancy(file, measured)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # what a prior warns of, `plausibility` asks
-            posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
+            posterior = Posterior(space, model, observations, error_model, model_error=file.surrogate.model_error)
     others = tuple(
         load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records, start=1)
     )

@@ -76,9 +76,17 @@ def _drawn(
     sampler = build_sampler(file.sampler) if "sampler" in file.model_fields_set else None
     with StagesAsTold(stage, Timings(folder / LEARNING)) as report:
         calibration = calibrate(
-            posterior.model, posterior.model_space, posterior.observations, settings, posterior.law, plan=plan, sampler=sampler,
-            seed=file.seed, store=folder / CALIBRATION_FOLDER, progress=report,
-        )  # fmt: skip
+            posterior.model,
+            posterior.model_space,
+            posterior.observations,
+            settings,
+            posterior.error_model,
+            plan=plan,
+            sampler=sampler,
+            seed=file.seed,
+            store=folder / CALIBRATION_FOLDER,
+            progress=report,
+        )
     return calibration.sampling, calibration
 
 

@@ -11,7 +11,7 @@ from pydantic import Field, create_model
 
 from structid.core.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
 from structid.inference.error_models import error_model_list as law_list
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
 from structid.models import model_list
@@ -161,7 +161,7 @@ def programme_file() -> type[ProgrammeFile]:
 @functools.cache
 def _programme_file(
     model_kinds: tuple[ModelKind, ...],
-    law_kinds: tuple[LawKind, ...],
+    law_kinds: tuple[ErrorModelKind, ...],
     sampler_kinds: tuple[SamplerKind, ...],
     surrogate_kinds: tuple[SurrogateKind, ...],
 ) -> type[ProgrammeFile]:

@@ -12,7 +12,7 @@ from pydantic import Field, create_model, model_validator
 
 from structid.core.keys import Section
 from structid.inference.error_model_choice import AUTO
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling.sampler_list import SamplerKind
 from structid.models.model_kind import ModelKind
 from structid.study.schema.static_tables import LARGEST_COUNT, ModelSection, PriorSection, VirtualSection
@@ -76,13 +76,15 @@ def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
     return create_model("surrogate_section", __base__=SurrogateSection, kind=(tag, ...), **keys)
 
 
-def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
+def discrepancy_section(kinds: Iterable[ErrorModelKind]) -> Any:
     """Type of an error model's table: the keys of all error models, each of which accepts some."""
-    laws = list(kinds)
-    tag: Any = Literal[tuple([AUTO, *(law.word for law in laws)])]
+    error_models = list(kinds)
+    tag: Any = Literal[tuple([AUTO, *(error_model.word for error_model in error_models)])]
     number_or_prior: Any = float | str | PriorSection | None
-    keys: dict[str, Any] = {name: (number_or_prior, None) for law in laws for name in law.quantities}
-    keys |= {name: key for law in laws for name, key in law.switches.items()}
+    keys: dict[str, Any] = {
+        name: (number_or_prior, None) for error_model in error_models for name in error_model.quantities
+    }
+    keys |= {name: key for error_model in error_models for name, key in error_model.switches.items()}
     return create_model("discrepancy_section", __base__=DiscrepancySection, kind=(tag, AUTO), **keys)
 
 

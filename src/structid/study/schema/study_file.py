@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, create_model
 from structid.core.errors import InputError
 from structid.core.keys import Section
 from structid.inference.error_models import error_model_list as law_list
-from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
 from structid.models import model_list
@@ -88,7 +88,7 @@ def study_file() -> type[StudyFile]:
 def _study_file(
     model_kinds: tuple[ModelKind, ...],
     surrogate_kinds: tuple[SurrogateKind, ...],
-    law_kinds: tuple[LawKind, ...],
+    law_kinds: tuple[ErrorModelKind, ...],
     sampler_kinds: tuple[SamplerKind, ...],
 ) -> type[StudyFile]:
     virtual: Any = virtual_section(kind for kind in model_kinds if not kind.is_a_solver)

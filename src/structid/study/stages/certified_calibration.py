@@ -24,7 +24,7 @@ def _run(findings: Findings, workplace: Workplace) -> Findings:
             posterior.model_space,
             posterior.observations,
             surrogate_settings(study.file.surrogate),
-            AUTO if study.law_is_open else posterior.law,
+            AUTO if study.error_model_is_open else posterior.error_model,
             plan=study.plan,
             sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
             seed=study.file.seed,
@@ -46,7 +46,7 @@ def _run(findings: Findings, workplace: Workplace) -> Findings:
         law_choice=calibration.law_choice,
         true_posterior=None
         if findings.true_posterior is None
-        else findings.true_posterior.on(law=calibration.posterior.law),
+        else findings.true_posterior.on(error_model=calibration.posterior.error_model),
         result=calibration.sampling,
     )
 

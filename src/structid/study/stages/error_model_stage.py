@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structid.core.streams import Purpose, derived_seed
-from structid.inference.error_model_choice import LawChoice, choose_among
+from structid.inference.error_model_choice import ErrorModelChoice, choose_among
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Sampler
 from structid.inference.sampling.smc.smc import SMC
@@ -30,24 +30,24 @@ def _run(findings: Findings, workplace: Workplace) -> Findings:
     posterior = study.sampled if findings.surrogate is None else true_posterior.on(findings.surrogate)
     if posterior.costs_runs:  # tens of thousands of runs of somebody's solver
         return findings
-    what, seed = "choosing the law of the errors", derived_seed(study.file.seed, Purpose.LAW_CHOICE)
+    what, seed = "choosing the error model", derived_seed(study.file.seed, Purpose.LAW_CHOICE)
     with workplace.stage(what) as progress, workplace.timings.measured(what):
         choice = choose_among(posterior, seed=seed, progress=progress, store=workplace.folder / LAWS)
-    return with_law(findings, choice)
+    return with_error_model(findings, choice)
 
 
-def with_law(findings: Findings, choice: LawChoice) -> Findings:
+def with_error_model(findings: Findings, choice: ErrorModelChoice) -> Findings:
     """Adopt the chosen error model."""
-    study, law = findings.study, choice.posterior.law
+    study, error_model = findings.study, choice.posterior.error_model
     assert findings.true_posterior is not None
-    posterior = study.sampled.on(law=law)
+    posterior = study.sampled.on(error_model=error_model)
     sampler = sampler_under(study, posterior)
     named = "sampler" in study.file.model_fields_set
     another = sampler is WITH_HIDDEN_VALUES and named and _too_few(build_sampler(study.file.sampler), posterior)
     return replace(
         findings,
         law_choice=replace(choice, remark=_remark(study, posterior) if another else ""),
-        true_posterior=findings.true_posterior.on(law=law),
+        true_posterior=findings.true_posterior.on(error_model=error_model),
         study=replace(study, posterior=posterior, sampler=sampler),
     )
 
@@ -56,9 +56,9 @@ def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
     """Choose the sampler for a posterior under another error model."""
     sampler = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
     named = "sampler" in study.file.model_fields_set
-    if posterior.law.inside:
+    if posterior.error_model.inside:
         return sampler if named and sampler != SMC() and not _too_few(sampler, posterior) else WITH_HIDDEN_VALUES
-    return sampler if named or posterior.law.added.independent else FOR_CORRELATED_ERRORS
+    return sampler if named or posterior.error_model.added.independent else FOR_CORRELATED_ERRORS
 
 
 def _too_few(sampler: Sampler, posterior: Posterior) -> bool:
@@ -76,5 +76,6 @@ def _remark(study: BuiltStudy, posterior: Posterior) -> str:
 
 
 STAGE = StudyStage(
-    lambda found: found.study.posterior is not None and found.study.law_is_open and found.study.plan is None, _run
+    lambda found: found.study.posterior is not None and found.study.error_model_is_open and found.study.plan is None,
+    _run,
 )

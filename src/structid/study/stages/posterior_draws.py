@@ -7,15 +7,15 @@ from dataclasses import replace
 from structid.inference.sample import sample
 from structid.inference.sampling_result import SamplingResult
 from structid.study.folder import CHAINS, CHAINS_WITHOUT_HIDDEN
-from structid.study.stages.error_model_stage import with_law
+from structid.study.stages.error_model_stage import with_error_model
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 
 def _run(findings: Findings, workplace: Workplace) -> Findings:
     result, choice = _drawn(findings, workplace, CHAINS), findings.law_choice
     seconds = result.seconds
-    if choice is not None and choice.posterior.law.inside and not result.verdict().converged:
-        findings = with_law(findings, replace(choice, added_only=True))
+    if choice is not None and choice.posterior.error_model.inside and not result.verdict().converged:
+        findings = with_error_model(findings, replace(choice, added_only=True))
         result = _drawn(findings, workplace, CHAINS_WITHOUT_HIDDEN)
         seconds += result.seconds
     workplace.timings.put("sampling", seconds)

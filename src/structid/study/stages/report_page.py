@@ -59,7 +59,7 @@ def posterior_material(findings: Findings, result: SamplingResult, workplace: Wo
         prediction_draws=study.file.prediction.draws,
         predicted_channels=study.file.prediction.channels,
         calibration=findings.calibration,
-        left_to_the_data=study.law_is_open,
+        left_to_the_data=study.error_model_is_open,
         law_choice=findings.law_choice,
         parameter_study=findings.parameter_study,
         fragility=findings.fragility,

@@ -10,7 +10,7 @@ from typing import Any
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.campaign.runs import Runs
-from structid.inference.error_model_choice import LawChoice
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
@@ -55,7 +55,7 @@ class Findings:
     surrogate: Surrogate | None = None  # the validated or certified surrogate
     calibration: CalibrationResult | None = None  # certificate and rounds
     searches: dict[str, OptimizeResult] = field(default_factory=dict)  # deterministic calibrations by method
-    law_choice: LawChoice | None = None  # error model chosen by the data
+    law_choice: ErrorModelChoice | None = None  # error model chosen by the data
     result: SamplingResult | None = None  # draws and verdict
     parameter_study: ParameterStudy | None = None  # results of runs over the priors
     fragility: Fragility | None = None  # probability of a passage, given the data

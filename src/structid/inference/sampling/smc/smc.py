@@ -1,9 +1,9 @@
 """Tempered sequential Monte Carlo: from the prior to the posterior by tempering steps, with the evidence.
 
 P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
-(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a law fitted
-to the resting ones, so the target needs no gradient. An external solver can be sampled, its failures are counted, and every stage
-is on disk before the next.
+(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a
+proposal fitted to the resting ones, so the target needs no gradient. An external solver can be sampled, its failures are
+counted, and every tempering step is on disk before the next.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class SMC(Sampler):
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves, drawn from laws fitted to the resting particles. Where such laws
+        Fraction of the moves that are independence moves, drawn from proposals fitted to the resting particles. Where these
         resemble the posterior, these moves make a particle forget where it was. With dozens of parameters they do not, and 0
         saves these moves.
     differential_evolution : float

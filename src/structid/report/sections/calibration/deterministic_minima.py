@@ -69,7 +69,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
         return []
     return [
         f"Least squares leave {percent(least)} of the measured variance, the MAP {percent(of_map)}. Least squares seek the nearest "
-        "history, and know neither priors nor the law of the errors. Under errors that are correlated, a long deviation costs "
+        "history, and know neither priors nor the error model. Under errors that are correlated, a long deviation costs "
         "little; so the posterior lets the model be further away, and calls the rest an error. Where they differ this much, look "
         "at what the model lacks."
     ]

@@ -13,14 +13,12 @@ def _words(material: PosteriorMaterial) -> list[str]:
         sentences.append(choice.sentence)
     elif material.left_to_the_data:
         sentences.append(
-            "Independent errors are assumed. To choose a law by its evidence would take tens of thousands of runs of this solver: "
-            "a surrogate makes that possible."
+            "Independent errors are assumed. To choose an error model by its evidence would take tens of thousands of "
+            "runs of this solver: a surrogate makes that possible."
         )
     else:
-        sentences.append(
-            f"The errors are taken to be of this law: {material.posterior.law.describe()['kind'].replace('_', ' ')}."
-        )
-    told_already = choice is not None and choice.posterior.law.inside
+        sentences.append(f"The error model: {material.posterior.error_model.describe()['kind'].replace('_', ' ')}.")
+    told_already = choice is not None and choice.posterior.error_model.inside
     if drift is not None and drift.found and not told_already:
         sentences.append(drift.sentence(material.result.mean))
     return sentences
@@ -32,12 +30,17 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         return []
     best = max(e.value for e in choice.evidences if e.value == e.value)
     rows = [
-        [law, f"{e.value:.1f} ± {e.error:.1f}", f"{e.value - best:.1f}", "chosen" if index == choice.chosen else ""]
-        for index, (law, e) in enumerate(zip(choice.laws, choice.evidences, strict=True))
+        [
+            error_model,
+            f"{e.value:.1f} ± {e.error:.1f}",
+            f"{e.value - best:.1f}",
+            "chosen" if index == choice.chosen else "",
+        ]
+        for index, (error_model, e) in enumerate(zip(choice.error_models, choice.evidences, strict=True))
     ]
     return [
-        Table("Laws of the errors, each with the same model", (["law", "log evidence", "to the largest", ""], rows))
+        Table("Error models, each with the same model", (["error model", "log evidence", "to the largest", ""], rows))
     ]
 
 
-SECTION = Section("law-of-the-errors", "Law of the errors", nothing, _tables, _words)
+SECTION = Section("error-model", "Error model", nothing, _tables, _words)

@@ -33,7 +33,7 @@ def _what_was_taught(certificate: Certificate) -> list[Table]:
         for name, mean, error, sd, correlations in moments
     ]
     title = (
-        "The law that the runs have taught, beside that of the draws: they differ in "
+        "The density fitted to the runs, beside that of the draws: they differ in "
         f"{100.0 * taught.distance:.1f} % of the probability. The bounds above reckon with it"
     )
     return [Table(title, (["", "its mean lies at [sd]", "its sd is larger by", "correlation that differs most"], rows))]
@@ -61,10 +61,10 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
         )
         return Picture(
             "ratios",
-            "Every point is a draw at which the model was run: how much more density the model gives it than the law of the draws, "
-            "relative to the median, over each parameter. Where the two posteriors are the same, all lie on zero; the band is the "
-            "largest standard deviation that a certificate allows. A slope says that a mean is off, a bow that a standard "
-            "deviation is. Triangles lie beyond the edge, dotted lines are draws whose run failed.",
+            "Every point is a draw at which the model was run: how much more density the model gives it than the density of "
+            "the draws, relative to the median, over each parameter. Where the two posteriors are the same, all lie on "
+            "zero; the band is the largest standard deviation that a certificate allows. A slope means that a mean is "
+            "off, a bow that a standard deviation is. Triangles lie beyond the edge, dotted lines are draws whose run failed.",
             figure,
         )
 

@@ -136,6 +136,6 @@ SECTION = Section(
     "Response",
     _drawings,
     nothing,
-    under_doubt="The inner band is what the parameters leave open, given this model. The outer one, with the law of the errors, is "
+    under_doubt="The inner band is what the parameters leave open, given this model. The outer one, with the error model, is "
     "meant to hold the measurement.",
 )
