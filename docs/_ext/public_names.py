@@ -20,28 +20,32 @@ TOPICS = {
     "observation": "Measurements",
     "probability": "Parameters and priors",
     "models": "Models",
-    "fem": "Masonry walls",
-    "solvers": "Your own solver",
+    "models.masonry": "Masonry walls",
+    "models.external": "Your own solver",
     "campaign": "Runs of a model",
-    "runs": "Runs of a model",
     "histories": "Runs of a model",
     "surrogates": "Surrogates",
     "inference": "Posterior, error models, samplers, checks",
     "calibration": "Certified calibration",
+    "certification": "Certified calibration",
     "reliability": "First passages and fragility",
     "optimize": "Deterministic calibration",
     "hybrid": "Hybrid tests",
     "report": "The report",
-    "progress_bars": "In a notebook",
-    "errors": "Errors and statuses",
-    "channels": "Channels and units",
-    "units": "Channels and units",
+    "core.progress_bars": "In a notebook",
+    "core.errors": "Errors and statuses",
 }
 """Rooms of the package, in the order of the index, and what they are called there. A room that is missing stops the building."""
 
 
-def _room(name: str) -> str:
-    return structid._PUBLIC.get(name, name).split(".")[0]
+def _topic(name: str) -> str:
+    """Topic of the innermost room that has one."""
+    room = structid._PUBLIC.get(name, name)
+    while room not in TOPICS:
+        room, dot, _ = room.rpartition(".")
+        if not dot:
+            raise KeyError(f"{name}: no room of {structid._PUBLIC.get(name, name)} is in TOPICS; add it there.")
+    return TOPICS[room]
 
 
 def _names() -> list[str]:
@@ -75,7 +79,7 @@ def write_pages(app: Sphinx) -> None:
     names = _names()
     by_topic: dict[str, list[str]] = {topic: [] for topic in TOPICS.values()}
     for name in names:
-        by_topic[TOPICS[_room(name)]].append(name)
+        by_topic[_topic(name)].append(name)
         thing = getattr(structid, name)
         title = f"structid.{name}"
         write_page_file(folder / f"{name}.rst", f"{title}\n{'=' * len(title)}\n\n{_directive(name, thing)}")

@@ -42,6 +42,15 @@ class Histories:
         Why each run failed, empty where it did not.
     units : dict of str to ChannelUnit, optional
         Units of the channels; those of the standard names when left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> model = si.BoucWen(mass=12e3, stiffness=7.4e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0)
+    >>> histories = model.simulate(np.empty((1, 0)), si.GroundMotion.synthetic(seed=7))
+    >>> histories.channels
+    ('velocity',)
     """
 
     values: np.ndarray

@@ -71,6 +71,17 @@ class Observation:
     ------
     InputError
         If length or step differ from the record's, or a value is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> record = si.GroundMotion.synthetic(seed=7)
+    >>> model = si.BoucWen(mass=12e3, stiffness=7.4e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0)
+    >>> velocity = model.simulate(np.empty((1, 0)), record).values[0]
+    >>> measured = si.Observation(record, velocity, channels=("velocity",), offset=si.Normal(0.0, 1.0, unit="mm/s"))
+    >>> measured.channels
+    ('velocity',)
     """
 
     record: Excitation

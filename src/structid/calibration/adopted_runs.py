@@ -26,7 +26,7 @@ FIRST_DESIGN = "first_design.npy"
 
 def first_design(
     folder: Path | None, planned: Float[np.ndarray, "point parameter"]
-) -> Float[np.ndarray, "point parameter"]:
+) -> Float[np.ndarray, "first_point parameter"]:
     """Points with which a calibration begins."""
     if folder is None or not (folder / FIRST_DESIGN).is_file():
         return planned

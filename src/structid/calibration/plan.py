@@ -57,6 +57,13 @@ class Plan:
         What the certificate must meet.
     explorer : SMC
         Explores the surrogate's posterior in each round.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> plan = si.Plan(true_runs=200, limits=si.Limits(mean=0.05))
+    >>> plan.true_runs
+    200
     """
 
     true_runs: int = 500

@@ -141,6 +141,12 @@ def calibrate(
     Notes
     -----
     What each round has found is logged: ``logging.basicConfig(level=logging.INFO)`` shows it.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> calibration = si.calibrate(model, space, measured, si.PODKriging(), true_runs=200, seed=1)  # doctest: +SKIP
+    >>> print(calibration.certificate)  # doctest: +SKIP
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
     error_model = _law(discrepancy)

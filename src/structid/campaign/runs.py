@@ -86,6 +86,15 @@ class Runs(ShownAsText):
         When each run ended, in seconds since the epoch; NaN if not known.
     path : Path, optional
         The file of the runs, if all are in one file.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Uniform(6.0, 9.0, unit="kN/mm"))
+    >>> model = si.BoucWen(mass=12e3, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0, free=space.names)
+    >>> runs = si.Campaign(model, si.GroundMotion.synthetic(seed=7), space.sample(4, seed=1)).run()
+    >>> runs.channels
+    ('velocity',)
     """
 
     design: Design

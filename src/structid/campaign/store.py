@@ -190,6 +190,11 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
     ------
     InputError
         If there is no such store.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> runs = si.open_runs("runs.h5")  # doctest: +SKIP
     """
     path = Path(path)
     if path.is_dir():

@@ -90,6 +90,12 @@ class Certificate(ShownAsText):
     monte_carlo : MonteCarloError or None
         How far moments of the draws may be from those of their density, which the bounds above are about. Of external draws;
         those of a calibration have their own verdict.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> certificate = si.certify(posterior, draws, log_density)  # doctest: +SKIP
+    >>> print(certificate)  # doctest: +SKIP
     """
 
     verdict: CertificateVerdict

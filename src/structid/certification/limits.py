@@ -36,6 +36,13 @@ class Limits:
         Largest bound of χ with which re-weighted moments may be used.
     usable_size : float
         Smallest effective number of draws with which they may.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> limits = si.Limits(mean=0.05, sd=0.05)
+    >>> limits.mean
+    0.05
     """
 
     mean: float = 0.1

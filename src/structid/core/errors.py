@@ -9,7 +9,17 @@ from enum import IntEnum
 
 
 class StructidError(Exception):
-    """Base class of every error that structid raises on purpose."""
+    """Base class of every error that structid raises on purpose.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> try:
+    ...     si.Uniform(2.0, 1.0)
+    ... except si.StructidError as problem:
+    ...     print(type(problem).__name__)
+    InputError
+    """
 
 
 class InputError(StructidError, ValueError):
@@ -25,6 +35,15 @@ class InputError(StructidError, ValueError):
         What may stand there.
     cure : str, optional
         What to do about it, as a full sentence.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> try:
+    ...     si.Uniform(2.0, 1.0)
+    ... except si.InputError as refusal:
+    ...     print(str(refusal).startswith("Uniform"))
+    True
     """
 
     def __init__(self, where: str, came: str, allowed: str, cure: str = "") -> None:
@@ -77,7 +96,14 @@ class ConvergenceError(StructidError):
 
 
 class StructidWarning(UserWarning):
-    """Base class of structid's warnings. Like any warning, it can be silenced or turned into an error."""
+    """Base class of structid's warnings. Like any warning, it can be silenced or turned into an error.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> import warnings
+    >>> warnings.simplefilter("error", si.StructidWarning)  # doctest: +SKIP
+    """
 
 
 class UnlikeMeasuredWarning(StructidWarning):
@@ -90,6 +116,15 @@ class Status(IntEnum):
     A failed run (diverged, failed, timed out) contains no information about the structure. Fits leave it out, and it may be
     repeated. A run in which the structure failed (it collapsed or passed a limit) is data: the same run would end in the same
     way.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> model = si.BoucWen(mass=12e3, stiffness=7.4e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0)
+    >>> histories = model.simulate(np.empty((1, 0)), si.GroundMotion.synthetic(seed=7))
+    >>> bool(histories.status[0] == si.Status.DONE)
+    True
     """
 
     DONE = 0

@@ -19,6 +19,12 @@ class ProgressBars:
 
         with si.ProgressBars() as bars:
             result = si.calibrate(model, space, measured, progress=bars)
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> with si.ProgressBars() as bars:  # doctest: +SKIP
+    ...     runs = si.Campaign(model, record, design).run(progress=bars("runs"))
     """
 
     def __init__(self) -> None:

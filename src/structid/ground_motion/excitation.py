@@ -149,6 +149,14 @@ class ForceHistory(Excitation):
         Time step [s].
     name, interpolation, lead_in_periods
         As for `Excitation`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> push = si.ForceHistory(np.linspace(0.0, 5e4, 201), dt=0.01, name="push")
+    >>> push.duration
+    2.0
     """
 
     kind = "force"
@@ -168,6 +176,14 @@ class DisplacementHistory(Excitation):
         Time step [s]; it has no effect on a rate-independent model.
     name, interpolation, lead_in_periods
         As for `Excitation`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> cycles = si.DisplacementHistory(0.02 * np.sin(np.arange(0.0, 20.5, 0.5)), dt=0.5, name="cyclic test")
+    >>> cycles.duration
+    20.0
     """
 
     kind = "displacement"
@@ -187,6 +203,14 @@ class RotationHistory(Excitation):
         Time step [s]; it has no effect on a rate-independent model.
     name, interpolation, lead_in_periods
         As for `Excitation`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> turn = si.RotationHistory(np.linspace(0.0, 1e-3, 101), dt=0.01)
+    >>> turn.duration
+    1.0
     """
 
     kind = "rotation"
@@ -217,6 +241,16 @@ class CombinedExcitation(Excitation):
     ------
     InputError
         If the parts cannot act together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> across = si.DisplacementHistory(np.linspace(0.0, 0.01, 101), dt=0.01)
+    >>> down = si.DisplacementHistory(np.linspace(0.0, -0.001, 101), dt=0.01)
+    >>> both = si.CombinedExcitation((across, down))
+    >>> both.values.shape
+    (101, 2)
     """
 
     parts: tuple[Excitation, ...]

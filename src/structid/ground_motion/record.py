@@ -38,7 +38,8 @@ class GroundMotion(Excitation):
 
     Examples
     --------
-    >>> record = GroundMotion.synthetic(seed=7).lowpass(20.0).scale_to_pga(1.8)
+    >>> import structid as si
+    >>> record = si.GroundMotion.synthetic(seed=7).lowpass(20.0).scale_to_pga(1.8)
     >>> round(record.pga, 6)
     1.8
     """

@@ -76,12 +76,11 @@ class HybridTest:
 
     Examples
     --------
+    >>> import structid as si
     >>> from structid.hybrid.coupling.coupling_benchmark import LAW, two_floor_frame
-    >>> from structid.hybrid.substructures.frame_parts import cut_frame
-    >>> from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
-    >>> upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
-    >>> record = GroundMotion.synthetic(seed=1).trim(2.0, 3.0).scale_to_pga(2.0)
-    >>> test = HybridTest(upper, SimulatedSpecimen(lower.force), record, dt=0.01, time_scale=100.0, physical=lower)
+    >>> upper, lower = si.cut_frame(two_floor_frame(hysteretic=True), 1)
+    >>> record = si.GroundMotion.synthetic(seed=1).trim(2.0, 3.0).scale_to_pga(2.0)
+    >>> test = si.HybridTest(upper, si.SimulatedSpecimen(lower.force), record, dt=0.01, time_scale=100.0, physical=lower)
     >>> test.check().can_work
     True
     >>> print(test.run())

@@ -88,6 +88,12 @@ class HybridResult(ShownAsText):
         Largest secant that was seen, over K₀; NaN where nothing moved.
     online : FilteredPath or None
         What a filter believed of the specimen while the test ran.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> result = si.open_hybrid("hybrid.h5")  # doctest: +SKIP
+    >>> result.moves.measured.max()  # doctest: +SKIP
     """
 
     histories: PartitionedHistories | None

@@ -49,6 +49,12 @@ class ProgrammeResult(ShownAsText):
         Names of all tests.
     not_released : str
         Why the specimen could not be moved again after the last of these tests; empty where it could.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> result = programme.run("tests")  # doctest: +SKIP
+    >>> result["2"].moves.measured.max()  # doctest: +SKIP
     """
 
     tests: dict[str, HybridResult]
@@ -130,6 +136,17 @@ class Programme:
     ----------
     tests : mapping of str to HybridTest
         By their names, in their order. All have the specimen of the first.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> frame = si.ShearFrame(storeys=2, mass=12e3, stiffness=7.6e6, alpha=0.05, beta=63.0, gamma=63.0, damping_ratio=0.03)
+    >>> upper, lower = si.cut_frame(frame, 1)
+    >>> record, specimen = si.GroundMotion.synthetic(seed=7), si.SimulatedSpecimen(lower.force)
+    >>> test = si.HybridTest(upper, specimen, record, dt=0.01, time_scale=100.0, physical=lower)
+    >>> programme = si.Programme({"weak": test, "again": test})
+    >>> tuple(programme.tests)
+    ('weak', 'again')
     """
 
     tests: Mapping[str, HybridTest]

@@ -53,14 +53,13 @@ class VirtualHybridTest(TraceableModel):
 
     Examples
     --------
-    >>> from structid.ground_motion.record import GroundMotion
+    >>> import structid as si
+    >>> import numpy as np
     >>> from structid.hybrid.coupling.coupling_benchmark import LAW, two_floor_frame
-    >>> from structid.hybrid.substructures.frame_parts import cut_frame
-    >>> from structid.models.hysteretic.bouc_wen import BoucWen
-    >>> upper, lower = cut_frame(two_floor_frame(), 1)
-    >>> storey = BoucWen(mass=12e3, free=("stiffness",), **LAW)
-    >>> test = VirtualHybridTest(upper, lower, storey, dt=0.01)
-    >>> found = test.simulate(np.array([[7.0e6], [7.6e6]]), GroundMotion.synthetic(seed=1).trim(2.0, 4.0))
+    >>> upper, lower = si.cut_frame(two_floor_frame(), 1)
+    >>> storey = si.BoucWen(mass=12e3, free=("stiffness",), **LAW)
+    >>> test = si.VirtualHybridTest(upper, lower, storey, dt=0.01)
+    >>> found = test.simulate(np.array([[7.0e6], [7.6e6]]), si.GroundMotion.synthetic(seed=1).trim(2.0, 4.0))
     >>> found.values.shape
     (2, 201, 1)
     """

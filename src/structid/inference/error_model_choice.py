@@ -190,6 +190,12 @@ def choose_error_model(
         If there is nothing to choose among.
     ConvergenceError
         If no error model has an evidence.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> choice = si.choose_error_model(space, model, measured)  # doctest: +SKIP
+    >>> print(choice)  # doctest: +SKIP
     """
     return choose_among(Posterior(space, model, observations, map=map), error_models, sampler, seed, progress, store)
 

@@ -64,6 +64,15 @@ def sample(
     ------
     StoreMismatchError
         If `store` belongs to another run.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> start = si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0))
+    >>> target = si.LogDensity(lambda x: -0.5 * (x**2).sum(axis=-1), ("a", "b"), start)
+    >>> result = si.sample(target, si.SMC(particles=100, ensembles=2, steps=20), seed=1)
+    >>> result.flat.shape[1]
+    2
     """
     sampler = AIES() if sampler is None else sampler
     if seed < 0:

@@ -74,6 +74,12 @@ class SamplingResult(ShownAsText):
         Whether runs of the model itself have shown that its surrogate gives the model's own posterior. None if not checked.
     beside : ndarray, shape (step, ensemble, walker, parameter), optional
         Draws of an independent population in SI, with which those of a few chains are compared.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> result = si.sample(posterior, seed=1)  # doctest: +SKIP
+    >>> print(result.verdict(), result.summary())  # doctest: +SKIP
     """
 
     target: Target

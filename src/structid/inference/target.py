@@ -242,6 +242,15 @@ class LogDensity(Target):
         Support of the bounded parameters: ``{"tau": (0.0, np.inf)}``.
     backend : {"numpy", "jax"}
         What `function` is written for. JAX arrays in it must be float64: begin with ``jax.config.update("jax_enable_x64", True)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> start = si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0))
+    >>> target = si.LogDensity(lambda x: -0.5 * (x**2).sum(axis=-1), names=("a", "b"), initial=start)
+    >>> target.log_density(np.ones((1, 2)))
+    array([-1.])
     """
 
     def __init__(

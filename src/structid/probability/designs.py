@@ -43,6 +43,16 @@ class Design:
         Points in SI.
     space : ParameterSpace
         The space.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Uniform(6.0, 9.0, unit="kN/mm"), alpha=si.Uniform(0.0, 0.2))
+    >>> design = space.sample(8, seed=1)
+    >>> design.values.shape
+    (8, 2)
+    >>> design.columns(["alpha"]).shape
+    (8, 1)
     """
 
     values: np.ndarray

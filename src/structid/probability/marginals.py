@@ -49,6 +49,12 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Uniform(55.0, 65.0, unit="1/m"))
+    Uniform(low 55, high 65) 1/m
     """
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise InputError(
@@ -78,6 +84,12 @@ def Normal(mean: float, sd: float, low: float | None = None, high: float | None 
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Normal(7.42, 0.742, low=0.0, unit="kN/mm"))
+    Normal(mean 7.42, sd 0.742), truncated to [0, ∞) kN/mm
     """
     _positive("Normal", sd=sd)
     parameters = {"loc": float(mean), "scale": float(sd)}
@@ -112,6 +124,12 @@ def LogNormal(
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.LogNormal(mean=0.063, sd=0.01, high=1.0))
+    LogNormal(mean 0.063, sd 0.01), truncated to (−∞, 1]
     """
     way = _one_way("LogNormal", {"moments": {"mean": mean, "sd": sd}, "log": {"log_mean": log_mean, "log_sd": log_sd}})
     if way == "moments":
@@ -154,6 +172,12 @@ def Gamma(
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Gamma(mean=2.0, sd=0.5, unit="mm"))
+    Gamma(mean 2, sd 0.5) mm
     """
     way = _one_way("Gamma", {"moments": {"mean": mean, "sd": sd}, "native": {"shape": shape, "rate": rate}})
     if way == "moments":
@@ -194,6 +218,12 @@ def Beta(
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Beta(mean=0.05, sd=0.02))
+    Beta(mean 0.05, sd 0.02)
     """
     way = _one_way("Beta", {"moments": {"mean": mean, "sd": sd}, "native": {"a": a, "b": b}})
     if way == "moments":
@@ -236,6 +266,12 @@ def Weibull(
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Weibull(mean=30.0, sd=5.0, unit="MPa"))
+    Weibull(mean 30, sd 5) MPa
     """
     way = _one_way("Weibull", {"moments": {"mean": mean, "sd": sd}, "native": {"shape": shape, "scale": scale}})
     if way == "moments":
@@ -289,6 +325,12 @@ def Gumbel(
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Gumbel(mean=0.3, sd=0.1, unit="g"))
+    Gumbel(mean 0.3, sd 0.1) g
     """
     way = _one_way("Gumbel", {"moments": {"mean": mean, "sd": sd}, "native": {"location": location, "scale": scale}})
     if way == "moments":
@@ -321,6 +363,13 @@ def Frozen(distribution: Any, low: float | None = None, high: float | None = Non
     -------
     Marginal
         The distribution.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> import scipy.stats
+    >>> print(si.Frozen(scipy.stats.t(4, loc=1.0, scale=0.1), low=0.0))
+    t(mean 1, sd 0.141421), truncated to [0, ∞)
     """
     if hasattr(distribution, "iccdf"):
         raise InputError(

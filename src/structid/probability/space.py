@@ -44,8 +44,8 @@ class ParameterSpace(ShownAsText):
 
     Examples
     --------
-    >>> from structid.probability.marginals import Normal, Uniform
-    >>> space = ParameterSpace(stiffness=Normal(7.42, 0.742, unit="kN/mm"), beta=Uniform(55.0, 65.0, unit="1/m"))
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Normal(7.42, 0.742, unit="kN/mm"), beta=si.Uniform(55.0, 65.0, unit="1/m"))
     >>> space.sample(3, seed=1).values.shape
     (3, 2)
     """

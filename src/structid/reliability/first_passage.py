@@ -31,6 +31,16 @@ def first_passage(histories: Histories, channel: str, limit: float) -> np.ndarra
     ------
     InputError
         If a run begins beyond the limit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> law = {"alpha": 0.05, "beta": 63.0, "gamma": 63.0}
+    >>> model = si.BoucWen(mass=12e3, stiffness=7.4e6, damping_ratio=0.03, channels=("displacement",), **law)
+    >>> histories = model.simulate(np.empty((1, 0)), si.GroundMotion.synthetic(seed=7))
+    >>> si.first_passage(histories, "displacement", 10.0)  # 10 m: never
+    array([nan])
     """
     values = np.abs(histories.channel(channel))
     if not limit > 0.0 or (values[:, 0] >= limit).any():

@@ -253,6 +253,12 @@ def fragility(
         If there is no record, several and no levels, a limit or a level that is not positive, or too few draws for a surrogate.
     StoreMismatchError
         If `store` belongs to another computation.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> curve = si.fragility(posterior, result.flat, records, "displacement", limit=0.05)  # doctest: +SKIP
+    >>> curve.plot(save="fragility.png")  # doctest: +SKIP
     """
     draws = np.asarray(draws, dtype=float)
     motions = _scaled(records, levels)

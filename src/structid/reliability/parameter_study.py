@@ -144,6 +144,12 @@ def parameter_study(
     ------
     InputError
         If a channel is not recorded, a limit is passed from the beginning, or a parameter is unknown.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> study = si.parameter_study(runs, "displacement", limits=[0.02, 0.05])  # doctest: +SKIP
+    >>> print(study)  # doctest: +SKIP
     """
     above = dict(above or {})
     limits = [limits] if isinstance(limits, (int, float)) else list(limits)

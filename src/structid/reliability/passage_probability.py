@@ -124,6 +124,11 @@ def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) ->
     ------
     InputError
         If fewer than ten runs passed, or fewer than ten did not.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> probability = si.passage_probability(si.passages(runs, "displacement", 0.05))  # doctest: +SKIP
     """
     passed = passages.passed
     fewer = int(min(passed.sum(), (~passed).sum()))

@@ -39,6 +39,12 @@ class Passages(ShownAsText):
         Time of the first passage or of the structure's failure, whichever is earlier [s]; NaN for a run that has neither.
     followed : ndarray, shape (run,)
         How far each run goes [s]: to the end of its record, or to where it failed; 0 for one that never began.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> passages = si.passages(runs, "displacement", limit=0.05)  # doctest: +SKIP
+    >>> passages.time  # doctest: +SKIP
     """
 
     design: Design = field(repr=False)
@@ -144,6 +150,11 @@ def passages(runs: Runs, channel: str, limit: float) -> Passages:
     ------
     InputError
         If the channel is not recorded, a run begins beyond the limit, or no run has begun.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> passages = si.passages(runs, "displacement", limit=0.05)  # doctest: +SKIP
     """
     check_choice("passages(channel)", channel, runs.channels)
     time, followed = np.full(len(runs), np.nan), np.full(len(runs), np.nan)

@@ -97,6 +97,16 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
     ------
     InputError
         If the parameters are correlated, for which these shares say nothing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> space = si.ParameterSpace(a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
+    >>> design = space.sample(64, seed=1)
+    >>> indices = si.sensitivity(design, design.values[:, 0] + 2.0 * design.values[:, 1])
+    >>> np.round(indices.first, 2)
+    array([0.2, 0.8])
     """
     space: ParameterSpace = design.space
     if space.correlation is not None:

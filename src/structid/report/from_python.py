@@ -67,6 +67,11 @@ def write_report(
     ------
     InputError
         If the draws are of no posterior of a model.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> page = si.write_report(result, "report", title="Specimen 4")  # doctest: +SKIP
     """
     material = _material(result, title, tuple(other_records), tuple(channels), true_values or {}, law_choice)
     output_folder = Path(folder)

@@ -42,6 +42,11 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     ------
     InputError
         If the file is none, or of another version.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> surrogate = si.load_surrogate("surrogate.h5")  # doctest: +SKIP
     """
     stored = storage.read(path)
     readers = {kind.name: kind.fitted for kind in KINDS}

@@ -113,6 +113,16 @@ def certify(
     InputError
         If these are draws of other parameters, too few, outside the support of the priors, or not of this density, or if the model
         has another log density at a known point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> log_density = lambda x: -0.5 * (x**2).sum(axis=-1)
+    >>> target = si.LogDensity(log_density, ("a", "b"), si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0)))
+    >>> draws = np.random.default_rng(1).normal(size=(4000, 2))
+    >>> si.certify(target, draws, log_density).certified
+    True
     """
     if true_runs is not None and true_runs < FEWEST_DRAWS:
         raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")

@@ -104,7 +104,8 @@ class PolynomialExtrapolation(Compensation):
 
     Examples
     --------
-    >>> PolynomialExtrapolation(delay=0.017).weights.tolist()
+    >>> import structid as si
+    >>> si.PolynomialExtrapolation(delay=0.017).weights.tolist()
     [4.0, -6.0, 4.0, -1.0]
     """
 
@@ -205,6 +206,13 @@ class AdaptiveTimeSeries(Compensation):
         Of the filter [Hz] of simulated time.
     amplitudes : tuple of float
         Range of a₀.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> compensation = si.AdaptiveTimeSeries(delay=0.012)
+    >>> compensation.window
+    0.5
     """
 
     delay: float

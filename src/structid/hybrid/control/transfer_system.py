@@ -29,6 +29,13 @@ class Sensor:
         Width of what the converter can tell apart [m] or [N]; an ideal converter when left out.
     bits : int
         Of the converter, whose step is range/2^bits.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> cell = si.Sensor(noise=50.0, range=2e5, bits=16)
+    >>> cell.bits
+    16
     """
 
     noise: float = 0.0
@@ -82,6 +89,13 @@ class Actuator:
         farther or faster. A force beyond its limit stops the test.
     displacement_sensor, force_sensor : Sensor
         What is seen of its piston and of its load cell.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> actuator = si.Actuator(delay=0.012, stroke=0.1, velocity=0.2, force=2e5)
+    >>> actuator.delay
+    0.012
     """
 
     delay: float = 0.0

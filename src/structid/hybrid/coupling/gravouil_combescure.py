@@ -40,6 +40,13 @@ class GravouilCombescure(Coupling):
         ss, steps of the fine part within one of the coarse part.
     fine : {"numerical", "physical"}
         Which part takes them.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> coupling = si.GravouilCombescure(substeps=10)
+    >>> coupling.substeps
+    10
     """
 
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtFineSteps:

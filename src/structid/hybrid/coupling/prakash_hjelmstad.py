@@ -46,6 +46,13 @@ class PrakashHjelmstad(Coupling):
         hold.
     alpha : float
         α from −1/3 to 0; below zero it damps high frequencies.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> coupling = si.PrakashHjelmstad(substeps=10)
+    >>> coupling.substeps
+    10
     """
 
     alpha: float = 0.0

@@ -355,6 +355,11 @@ def conformance(address: str, secret: str | bytes) -> list[Finding]:
         If address or secret are none.
     SpecimenError
         If nobody answers there.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> findings = si.conformance("tcp://127.0.0.1:7007", secret="...")  # doctest: +SKIP
     """
     where, key = parsed_address(address), checked_secret(secret)
     try:

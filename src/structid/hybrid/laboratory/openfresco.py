@@ -61,6 +61,11 @@ class OpenFrescoSpecimen(Specimen):
     ------
     InputError
         If the address is not this machine's, and `unprotected` is not set.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> specimen = si.OpenFrescoSpecimen("tcp://127.0.0.1:8090", description)  # doctest: +SKIP
     """
 
     def __init__(

@@ -48,6 +48,11 @@ class RemoteSpecimen(Specimen):
         Shared with the server, 16 characters or more.
     silence : float
         How much longer than its motion an answer may take [s]. Then the test ends.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> specimen = si.RemoteSpecimen("tcp://192.0.2.7:7007", secret="...")  # doctest: +SKIP
     """
 
     def __init__(self, address: str, secret: str | bytes, silence: float = SILENCE) -> None:

@@ -104,13 +104,12 @@ class SpecimenServer:
 
     Examples
     --------
+    >>> import structid as si
     >>> import numpy as np
     >>> from structid.mechanics.restoring_forces import LinearForce
-    >>> from structid.hybrid.laboratory.remote import RemoteSpecimen
-    >>> from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
     >>> secret = "a secret of both sides"
-    >>> with SpecimenServer(SimulatedSpecimen(LinearForce(np.array([[2.0]]))), secret) as server:
-    ...     remote = RemoteSpecimen(server.address, secret)
+    >>> with si.SpecimenServer(si.SimulatedSpecimen(LinearForce(np.array([[2.0]]))), secret) as server:
+    ...     remote = si.RemoteSpecimen(server.address, secret)
     ...     print(remote.move(np.array([[0.5]])).force)
     [1.]
     """

@@ -45,6 +45,15 @@ class SimulatedSpecimen(Specimen):
         Of the specimen.
     real_time : bool
         Whether a move takes as long as it would in a laboratory.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> frame = si.ShearFrame(storeys=2, mass=12e3, stiffness=7.6e6, alpha=0.05, beta=63.0, gamma=63.0, damping_ratio=0.03)
+    >>> upper, lower = si.cut_frame(frame, 1)
+    >>> specimen = si.SimulatedSpecimen(lower.force, si.Actuator(delay=0.012, stroke=0.1))
+    >>> specimen.describe().channels[0].name
+    'displacement'
     """
 
     def __init__(

@@ -19,7 +19,16 @@ LONGEST_PATH = 100_000
 
 
 class SpecimenError(StructidError):
-    """A specimen refused a move, stopped answering, or its session ended. It holds its position; earlier data are kept."""
+    """A specimen refused a move, stopped answering, or its session ended. It holds its position; earlier data are kept.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> try:
+    ...     result = test.run("test_1.h5")  # doctest: +SKIP
+    ... except si.SpecimenError as refusal:  # the steps before it are in the file
+    ...     print(refusal)
+    """
 
 
 class SpecimenChannel(BaseModel):
@@ -97,6 +106,19 @@ class Specimen(ABC):
 
     It owns its limits. It refuses what exceeds them before it moves, and after an error it holds its last accepted position for
     good: a hysteretic specimen cannot be moved back.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> class Bench(si.Specimen):  # doctest: +SKIP
+    ...     def describe(self):
+    ...         return description
+    ...     def move(self, path, averaged=1):
+    ...         return controller.follow(path, averaged)
+    ...     def hold(self, reason):
+    ...         controller.stop(reason)
+    ...     def close(self):
+    ...         controller.close()
     """
 
     @abstractmethod

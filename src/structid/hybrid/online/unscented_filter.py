@@ -65,6 +65,13 @@ class UnscentedFilter:
     ------
     InputError
         If the law is not one of a spring, or the noise is not positive.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Normal(7.0, 0.7, unit="kN/mm"))
+    >>> model = si.BoucWen(mass=12e3, alpha=0.05, beta=63.0, gamma=63.0, free=space.names)
+    >>> online = si.UnscentedFilter(model, space, force_noise=200.0)
     """
 
     def __init__(

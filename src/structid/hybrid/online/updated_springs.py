@@ -20,6 +20,12 @@ class UpdatedSprings(RestoringForce):
     ----------
     springs : HystereticSprings
         As they are at first.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> springs = si.UpdatedSprings(lower.force)  # doctest: +SKIP
+    >>> online = si.UnscentedFilter(model, space, force_noise=200.0, updates=springs)  # doctest: +SKIP
     """
 
     def __init__(self, springs: HystereticSprings) -> None:

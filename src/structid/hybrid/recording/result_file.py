@@ -183,6 +183,12 @@ def open_hybrid(path: str | Path) -> HybridResult:
     ------
     InputError
         If there is neither, or it is damaged.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> result = si.open_hybrid("hybrid.h5")  # doctest: +SKIP
+    >>> result.plot(save="test.png")  # doctest: +SKIP
     """
     store = Path(path)
     if not store.exists() and journal_of(store).exists():

@@ -30,6 +30,13 @@ class FloorMasses:
         On the beam between the storeys, and on top [kg].
     share : float
         Of the floor that belongs to the lower storey.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> masses = si.FloorMasses(floor=8000.0, roof=5000.0)
+    >>> masses.share
+    0.5
     """
 
     floor: float = 6000.0
@@ -94,11 +101,12 @@ def facade_parts(
 
     Examples
     --------
-    >>> wall = MasonryWall(
+    >>> import structid as si
+    >>> wall = si.MasonryWall(
     ...     normal_energy=15.0, normal_strength=0.2e6, tangential_energy=150.0, tangential_strength=0.3e6,
     ...     joint_law="damage-friction", friction=0.65,
     ... )
-    >>> parts = facade_parts(wall)
+    >>> parts = si.facade_parts(wall)
     >>> print(parts.upper.dofs, parts.lower.dofs)
     4 3
     """

@@ -51,8 +51,9 @@ def cut_frame(
 
     Examples
     --------
-    >>> frame = ShearFrame(storeys=2, mass=12e3, stiffness=7.6e6, alpha=0.05, beta=63.0, gamma=63.0, damping_ratio=0.03)
-    >>> upper, lower = cut_frame(frame, 1)
+    >>> import structid as si
+    >>> frame = si.ShearFrame(storeys=2, mass=12e3, stiffness=7.6e6, alpha=0.05, beta=63.0, gamma=63.0, damping_ratio=0.03)
+    >>> upper, lower = si.cut_frame(frame, 1)
     >>> print(lower)
     Substructure: 1 degree of freedom, 1 at the interface, nonlinear, to 5.664 Hz
     """

@@ -84,8 +84,10 @@ def reduced_by_guyan(
 
     Examples
     --------
+    >>> import structid as si
+    >>> import numpy as np
     >>> chain = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    >>> part = reduced_by_guyan(np.diag([0.0, 0.0, 1.0]), 0.0 * chain, chain, kept=[2], interface=[2])
+    >>> part = si.reduced_by_guyan(np.diag([0.0, 0.0, 1.0]), 0.0 * chain, chain, kept=[2], interface=[2])
     >>> print(f"{part.stiffness[0, 0]:.6f}")
     0.333333
     """
@@ -128,8 +130,10 @@ def reduced_by_craig_bampton(
 
     Examples
     --------
+    >>> import structid as si
+    >>> import numpy as np
     >>> chain = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
-    >>> part = reduced_by_craig_bampton(np.eye(3), 0.0 * chain, chain, interface=[0], modes=2)
+    >>> part = si.reduced_by_craig_bampton(np.eye(3), 0.0 * chain, chain, interface=[0], modes=2)
     >>> whole = np.linalg.eigvalsh(chain)
     >>> np.allclose(np.linalg.eigvals(np.linalg.solve(part.mass, part.stiffness)).max(), whole.max())
     True

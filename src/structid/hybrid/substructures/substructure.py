@@ -43,7 +43,8 @@ class Substructure:
 
     Examples
     --------
-    >>> storey = Substructure([[6000.0]], [[29_318.0]], [[7.6e6]], interface=[0])
+    >>> import structid as si
+    >>> storey = si.Substructure([[6000.0]], [[29_318.0]], [[7.6e6]], interface=[0])
     >>> print(storey)
     Substructure: 1 degree of freedom, 1 at the interface, linear, to 5.664 Hz
     """

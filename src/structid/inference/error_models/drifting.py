@@ -46,6 +46,13 @@ class Drifting(ErrorModel):
         Time between knots [s]; a fifth of the first record where it is left out.
     errors : Discrepancy
         Error model of the ε that are added to the response.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> errors = si.Drifting(every=2.0, errors=si.AR1())
+    >>> errors.describe()["every"]
+    2.0
     """
 
     every: float | None = None

@@ -31,6 +31,13 @@ class IID(Discrepancy):
         A known σ² in the square of the channel's SI unit; its prior; or None for the prior U(0, max|y|²).
     per_channel : bool, optional
         A σ² for each channel, or one for all; by default one each, since channels differ in unit.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.IID().describe()["kind"]
+    'iid'
+    >>> known = si.IID(variance=1.0)  # with Observation(sd=...): the standard deviations of the values are known
     """
 
     variance: float | Marginal | Mapping[str, float | Marginal] | None = None

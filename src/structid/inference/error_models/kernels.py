@@ -50,6 +50,13 @@ class AR1(CorrelatedInTime):
         Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
     correlation_time : float, Marginal or None
         ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> errors = si.AR1(correlation_time=si.Uniform(0.01, 1.0, unit="s"))
+    >>> errors.describe()["kind"]
+    'ar1'
     """
 
     kind: ClassVar[str] = "ar1"
@@ -72,6 +79,13 @@ class Matern32(CorrelatedInTime):
         Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
     correlation_time : float, Marginal or None
         ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> errors = si.Matern32(white=0.0)  # no white noise besides
+    >>> errors.describe()["kind"]
+    'matern32'
     """
 
     kind: ClassVar[str] = "matern32"
@@ -105,6 +119,13 @@ class DampedCosine(Correlated):
         ω₀/2π [Hz], likewise. If left out, its prior is lognormal, with 95 % between two cycles in the whole duration and 1/(2 dt).
     damping : float, Marginal or None
         ζ, between 0 and 1. If left out, its prior is uniform there.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> errors = si.DampedCosine(frequency=si.Uniform(1.0, 10.0, unit="Hz"))
+    >>> errors.describe()["kind"]
+    'damped_cosine'
     """
 
     frequency: float | Marginal | None = None

@@ -65,6 +65,18 @@ class Posterior(Target):
         The model's parameters, then the nuisances, then the discrepancy's parameters.
     error_model, discrepancy : ErrorModel, Discrepancy
         All that may be wrong between model and measurement, and of it what is added to the response.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> record = si.GroundMotion.synthetic(seed=7)
+    >>> space = si.ParameterSpace(stiffness=si.Uniform(6.0, 9.0, unit="kN/mm"))
+    >>> model = si.BoucWen(mass=12e3, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0, free=space.names)
+    >>> velocity = model.run(space.quantile(0.5 * np.ones((1, 1))), record).values[0]
+    >>> posterior = si.Posterior(space, model, si.Observation(record, velocity, channels=model.channels), discrepancy=si.IID())
+    >>> posterior.names
+    ('stiffness', 'sigma2')
     """
 
     def __init__(

@@ -64,6 +64,12 @@ class AIES(Sampler):
         Number of first steps during which, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
         their ensemble's median are moved to a random healthy walker of that ensemble. This frees walkers caught in a false mode.
         It is not a Markov move, so these steps must lie within the discarded part. When left out, 100, or as many as are discarded.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.AIES(walkers=20, steps=400).ensembles
+    4
     """
 
     walkers: int = 100

@@ -72,6 +72,12 @@ class DelayedAcceptance(Sampler):
         Fraction of the moves that are independence moves: drawn from a proposal fitted to all walkers of the tuning's later half.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves instead of stretch moves.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.DelayedAcceptance(steps=60).exact
+    True
     """
 
     approximation: Model | Target | None = field(default=None, repr=False)

@@ -60,6 +60,12 @@ class NUTS(Sampler):
         Mean acceptance to which the step size is tuned.
     deepest : int
         Largest number of doublings of a trajectory.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.NUTS(steps=500, warm_up=300).needs_derivatives
+    True
     """
 
     steps: int = 1000

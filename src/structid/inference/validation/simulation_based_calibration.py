@@ -252,6 +252,12 @@ def sbc(
         If there are too few replicas.
     ConvergenceError
         If most simulations at draws of the prior fail.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> ranks = si.sbc(posterior, replicas=200, seed=1)  # doctest: +SKIP
+    >>> print(ranks.verdict())  # doctest: +SKIP
     """
     if replicas < FEWEST_REPLICAS:
         raise InputError("sbc(replicas)", f"{replicas}", f"{FEWEST_REPLICAS} or more, best 200")

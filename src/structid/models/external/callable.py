@@ -37,12 +37,12 @@ class CallableModel(ExternalModel):
 
     Examples
     --------
+    >>> import structid as si
     >>> import numpy as np
-    >>> from structid.ground_motion.record import GroundMotion
     >>> def falling(parameters, record):
     ...     return parameters["height"] - 0.5 * 9.81 * record.time**2
-    >>> model = CallableModel(falling, free=("height",), channels=("displacement",), isolated=False)
-    >>> model.simulate(np.array([[10.0]]), GroundMotion(np.zeros(3), 1.0)).values[0, :, 0].tolist()
+    >>> model = si.CallableModel(falling, free=("height",), channels=("displacement",), isolated=False)
+    >>> model.simulate(np.array([[10.0]]), si.GroundMotion(np.zeros(3), 1.0)).values[0, :, 0].tolist()
     [10.0, 5.095, -9.620000000000001]
     """
 

@@ -48,6 +48,13 @@ class OutputFile:
     time : int or str, optional
         Column of the times [s]. With it, the histories are interpolated linearly to the record's samples. Without it, there must
         be a row for every sample.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> output = si.OutputFile("drift.out", columns={"drift": 1}, units={"drift": "mm"}, time=0)
+    >>> output.file
+    'drift.out'
     """
 
     file: str
@@ -101,6 +108,13 @@ class ProgramModel(ExternalModel):
     structure_failed_exit_code : int, optional
         Exit code with which the program says that the structure failed; see `StructureFailedError`. Any other one but 0 is a
         failed run.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> drift = si.OutputFile("drift.out", columns={"drift": 1}, units={"drift": "mm"})
+    >>> inputs = {"frame.tcl": "frame.tcl.in"}
+    >>> model = si.ProgramModel("opensees frame.tcl", ("stiffness",), drift, templates=inputs)  # doctest: +SKIP
     """
 
     scratch: Path

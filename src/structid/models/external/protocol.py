@@ -46,6 +46,14 @@ class SolverError(Exception):
         What went wrong, in words.
     values : array-like, optional
         What it produced before, shape (time,) or (time, channel).
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> def solve(parameters, record):
+    ...     if parameters["stiffness"] <= 0.0:
+    ...         raise si.SolverError("the stiffness is not positive")
+    ...     return parameters["stiffness"] * record.values
     """
 
     def __init__(self, reason: str, values: Any = None) -> None:
@@ -65,6 +73,15 @@ class StructureFailedError(SolverError):
         How it failed, in words, such as ``"drift beyond 5 %"``.
     values : array-like, optional
         The response until then, shape (time,) or (time, channel).
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> def solve(parameters, record):
+    ...     drift = record.values / parameters["stiffness"]
+    ...     if abs(drift).max() > 0.05:
+    ...         raise si.StructureFailedError("the storey drift exceeds 5 %")
+    ...     return drift
     """
 
 

@@ -56,6 +56,11 @@ class UMBridgeModel(ExternalModel):
         See `ExternalModel`. Change it when what the server does changes.
     units : mapping of str to str, optional
         See `ExternalModel`.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> model = si.UMBridgeModel("http://localhost:4242", free=("stiffness",), channels=("drift",))  # doctest: +SKIP
     """
 
     def __init__(

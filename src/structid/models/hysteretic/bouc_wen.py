@@ -112,7 +112,8 @@ class BoucWen(TraceableModel):
 
     Examples
     --------
-    >>> model = BoucWen(mass=12_000.0, stiffness=7.6e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=1.0)
+    >>> import structid as si
+    >>> model = si.BoucWen(mass=12_000.0, stiffness=7.6e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=1.0)
     >>> print(model)
     BoucWen: f 4.005 Hz, T 0.2497 s, ω_n 25.17 rad/s, ω_d 25.15 rad/s, c 1.812e+04 N s/m
     """

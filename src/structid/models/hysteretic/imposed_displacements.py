@@ -49,13 +49,13 @@ class ImposedDisplacements(TraceableModel):
 
     Examples
     --------
+    >>> import structid as si
     >>> import numpy as np
-    >>> from structid.models.hysteretic.bouc_wen import BoucWen
-    >>> storey = BoucWen(mass=12e3, alpha=0.05, beta=63.0, gamma_ratio=1.0, free=("stiffness",))
-    >>> path = DisplacementHistory(0.02 * np.sin(np.linspace(0.0, 6.28, 101)), 1.0)
-    >>> forces = ImposedDisplacements(storey).simulate(np.array([[7.6e6]]), path)
+    >>> storey = si.BoucWen(mass=12e3, alpha=0.05, beta=63.0, gamma_ratio=1.0, free=("stiffness",))
+    >>> path = si.DisplacementHistory(0.02 * np.sin(np.linspace(0.0, 6.28, 101)), 1.0)
+    >>> forces = si.ImposedDisplacements(storey).simulate(np.array([[7.6e6]]), path)
     >>> print(f"{forces.values.max() / 1e3:.1f} kN")
-    64.1 kN
+    60.3 kN
     """
 
     hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"

@@ -63,6 +63,16 @@ class LoopLines(ShownAsText):
         Where k_i and k_u lie [N/m].
     displacement, force : ndarray, shape (time,)
         The loop [m], [N].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> displacement = np.concatenate([np.linspace(0.0, 0.03, 60), np.linspace(0.03, -0.03, 120)[1:]])
+    >>> force = 2e5 * np.tanh(displacement / 0.005) + 1e6 * displacement
+    >>> lines = si.LoopLines.fit(displacement, force)
+    >>> bool(lines.initial_stiffness > lines.final_stiffness)
+    True
     """
 
     initial_stiffness: float

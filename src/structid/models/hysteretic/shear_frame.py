@@ -116,8 +116,9 @@ class ShearFrame(TraceableModel):
 
     Examples
     --------
+    >>> import structid as si
     >>> law = dict(alpha=0.05, beta=63.0, gamma_ratio=0.5)
-    >>> frame = ShearFrame(storeys=3, mass=12_000.0, stiffness=2e7, damping_ratio=0.03, **law)
+    >>> frame = si.ShearFrame(storeys=3, mass=12_000.0, stiffness=2e7, damping_ratio=0.03, **law)
     >>> print(frame)
     ShearFrame: 3 storeys, f 2.892, 8.102, 11.71 Hz
     """

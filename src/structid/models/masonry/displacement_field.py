@@ -44,6 +44,16 @@ class DisplacementField:
         [m], rising.
     ux, uy : ndarray, shape (time, row, column)
         [m]; NaN where nothing was measured, as in an opening.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> x, y = np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0])
+    >>> ux = 0.001 * np.tile(y[:, None], (1, 3))  # sheared by 1 mm over 1 m
+    >>> field = si.DisplacementField(np.zeros(1), x, y, ux[None], np.zeros((1, 2, 3)))
+    >>> field.ux.shape
+    (1, 2, 3)
     """
 
     time: np.ndarray

@@ -96,7 +96,8 @@ class MasonryWall(TraceableModel):
 
     Examples
     --------
-    >>> wall = MasonryWall(normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6)
+    >>> import structid as si
+    >>> wall = si.MasonryWall(normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6)
     >>> print(wall)
     MasonryWall: 15 blocks, 34 joints, f 2.632, 9.697, 16.56 Hz under its load
     """

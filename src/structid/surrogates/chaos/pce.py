@@ -52,6 +52,15 @@ class PCE:
         none: it is ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs and lets their
         coefficients shrink with the degree, at rates that it estimates from the runs and that all outputs share; `degree`,
         `hyperbolic_norm` and `interaction` are not used then.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> space = si.ParameterSpace(a=si.Uniform(0.0, 1.0))
+    >>> design = space.sample(20, seed=1)
+    >>> fitted = si.PCE(degree=3).fit(design, design.values**3)
+    >>> bool(fitted.leave_one_out_error.max() < 1e-12)
+    True
     """
 
     degree: int | Sequence[int] = tuple(range(1, 16))

@@ -62,6 +62,15 @@ class Kriging:
         Number of gradient searches, from the best points of the global search.
     seed : int
         Seed of the global search.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as si
+    >>> design = si.ParameterSpace(a=si.Uniform(0.0, 1.0)).sample(12, seed=1)
+    >>> fitted = si.Kriging(correlation="matern52").fit(design, np.sin(6.0 * design.values))
+    >>> bool(abs(fitted.predict(np.array([[0.5]])) - np.sin(3.0)).max() < 1e-2)
+    True
     """
 
     trend: Literal["constant", "linear", "quadratic"] | PCE = "constant"

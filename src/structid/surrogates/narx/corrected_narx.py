@@ -68,6 +68,12 @@ class CorrectedNARX:
     whole : bool
         Whether the POD-Kriging is of the whole response on the records of the runs, y(t, θ) ≈ r(t, θ), and the NARX is for other
         records only.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.CorrectedNARX(si.PCNARX(degree=1))
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     narx: TrainedNARX

@@ -40,6 +40,12 @@ class KrigingNARX(NARXSettings):
         Steps of the refinement.
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
         As for `NARXSettings`.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.KrigingNARX(terms=["y(t-1)", "y(t-2)", "x(t)", "x(t-1)"])
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))

@@ -30,6 +30,12 @@ class NARX(NARXSettings):
     ----------
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
         As for `NARXSettings`; there are no parameters, so the degree does not matter.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.NARX(terms=["y(t-1)", "y(t-2)", "x(t)", "x(t-1)"])
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     def fit(

@@ -31,6 +31,12 @@ class PCNARX(NARXSettings):
         For ``training="per-experiment"``: how the coefficients are expanded.
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
         As for `NARXSettings`.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.PCNARX(terms=["y(t-1)", "y(t-2)", "x(t)", "x(t-1)"])
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))

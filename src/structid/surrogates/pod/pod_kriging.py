@@ -52,6 +52,12 @@ class PODKriging:
         Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}
         What to do with parameters beyond the range of the design.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.PODKriging(limit=0.02)
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     kriging: Kriging = field(default_factory=Kriging)

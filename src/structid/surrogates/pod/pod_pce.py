@@ -33,6 +33,12 @@ class PODPCE:
         minutes and are a hundred times less accurate.
     left_out_energy, limit, outside
         As for `PODKriging`.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> settings = si.PODPCE(pce=si.PCE(degree=(1, 2, 3)))
+    >>> surrogate = settings.fit(runs)  # doctest: +SKIP
     """
 
     pce: PCE = field(default_factory=lambda: PCE(method="shrinkage"))

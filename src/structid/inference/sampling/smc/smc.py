@@ -83,6 +83,12 @@ class SMC(Sampler):
     scouts : int
         Draws of the prior for each particle, from which modes are searched that the particles have lost. If one is found, they
         begin again, around all known modes. 0 to leave it out.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.SMC(particles=500, ensembles=2).particles
+    500
     """
 
     particles: int = 1000

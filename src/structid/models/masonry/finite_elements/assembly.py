@@ -35,6 +35,13 @@ class Masonry:
         On the bays that reach the base, shared by their area [N].
     upper_mass : float
         Of the storey above, on the beam [kg].
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> masonry = si.Masonry(modulus=4.2e9, density=1800.0)
+    >>> masonry.poisson
+    0.2
     """
 
     modulus: float = 4.21e9

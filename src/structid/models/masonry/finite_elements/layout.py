@@ -27,6 +27,13 @@ class Opening:
         Of its lower left corner [m].
     width, height : float
         [m].
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> door = si.Opening(left=0.8, bottom=0.0, width=0.9, height=2.1)
+    >>> door.width
+    0.9
     """
 
     left: float
@@ -101,7 +108,9 @@ class Wall:
 
     Examples
     --------
-    >>> facade = Wall(width=2.7, height=2.6, openings=(DOOR,), courses=((4, 3), 2))
+    >>> import structid as si
+    >>> door = si.Opening(left=1.2, bottom=0.0, width=0.9, height=1.6)
+    >>> facade = si.Wall(width=2.7, height=2.6, openings=(door,), courses=((4, 3), 2))
     >>> len(facade.blocks)
     15
     """

@@ -43,6 +43,12 @@ class Term:
     ------
     InputError
         If the text contains anything else.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> print(si.Term("|y(t-1)| * x(t)"))
+    |y(t-1)| * x(t)
     """
 
     text: str
@@ -134,6 +140,12 @@ class Memory:
         The kind of memory.
     of : str
         Its source: an input, an output or an earlier memory.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> si.Memory("z", kind="hysteresis", of="y").of
+    'y'
     """
 
     name: str
