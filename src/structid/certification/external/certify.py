@@ -116,11 +116,11 @@ def certify(
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import scipy.stats
     >>> import structid as si
     >>> log_density = lambda x: -0.5 * (x**2).sum(axis=-1)
     >>> target = si.LogDensity(log_density, ("a", "b"), si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0)))
-    >>> draws = np.random.default_rng(1).normal(size=(4000, 2))
+    >>> draws = scipy.stats.norm.rvs(size=(4000, 2), random_state=1)
     >>> si.certify(target, draws, log_density).certified
     True
     """
