@@ -11,7 +11,7 @@ import structid as si
 from commands import structid
 from structid.cli.commands import command_list
 from structid.inference.diagnostics.robust_spread import robust_spread
-from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models import error_model_list
 from structid.models import model_list
 from structid.report import section_list
 from structid.study.run import run_study
@@ -79,7 +79,7 @@ def registered(monkeypatch):
 
     register(model_list, "MODELS", new_model.KIND)
     register(registry, "KINDS", new_surrogate.KIND)
-    register(law_list, "LAWS", new_discrepancy.KIND)
+    register(error_model_list, "ERROR_MODELS", new_discrepancy.KIND)
     register(section_list, "OF_A_CALIBRATION", new_section.SECTION)
     register(command_list, "COMMANDS", new_command.parameters)
 

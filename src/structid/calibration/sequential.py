@@ -149,7 +149,7 @@ def calibrate(
     >>> print(calibration.certificate)  # doctest: +SKIP
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
-    error_model = _law(discrepancy)
+    error_model = _given_error_model(discrepancy)
     if error_model is not None and error_model.inside:
         raise InputError(
             "calibrate(discrepancy)",
@@ -173,7 +173,7 @@ def calibrate(
         return loop.run()
 
 
-def _law(discrepancy: ErrorModel | str | None) -> ErrorModel | None:
+def _given_error_model(discrepancy: ErrorModel | str | None) -> ErrorModel | None:
     """The given error model; None if it is omitted or to be chosen."""
     if isinstance(discrepancy, str) and discrepancy != AUTO:
         raise InputError(

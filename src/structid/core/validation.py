@@ -171,7 +171,7 @@ def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
 
 def _of_objects(where: str, array: np.ndarray, allowed: str) -> np.ndarray:
     """Convert an object array: integers beyond 64 bits, fractions, decimals."""
-    flat = [real_number(f"{where}, value {missing}", one, allowed) for missing, one in enumerate(array.ravel())]
+    flat = [real_number(f"{where}, value {index}", one, allowed) for index, one in enumerate(array.ravel())]
     if any(one is None for one in flat):
         missing = next(i for i, one in enumerate(flat) if one is None)
         raise InputError(f"{where}, value {missing}", "None", allowed, "A value that was not measured is no value.")
@@ -299,7 +299,11 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     every = inspect.signature(function).parameters
     parameters = {name: p for name, p in every.items() if name not in ("self", "cls")}
     open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-    names = [name for name in parameters if not name.startswith("_")]
+    names = [
+        name
+        for name, p in parameters.items()
+        if not name.startswith("_") and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
     checks = {name: _Check.of(_spelt_out(p.annotation, function)) for name, p in parameters.items()}
     checks = {name: check for name, check in checks.items() if not check.refuses_nothing()}
     in_order = tuple(every)

@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jax.scipy.special import betainc, gammainc, gammaln, ndtr
 
 from structid.core.arrays import Array
+from structid.engine.device import jnp
 
 Parameters = Mapping[str, float]
 Function = Callable[[Array, Parameters], Array]
@@ -22,66 +24,44 @@ class JaxDistribution(NamedTuple):
 
 
 def _uniform_log_density(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     return -jnp.broadcast_to(jnp.log(p["high"] - p["low"]), jnp.shape(y))
 
 
 def _uniform_cdf(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     return jnp.clip((y - p["low"]) / (p["high"] - p["low"]), 0.0, 1.0)
 
 
 def _normal_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = −z²/2 − log(√(2π) σ), z = (y − μ)/σ."""
-    from structid.engine.device import jnp
-
     z = (y - p["loc"]) / p["scale"]
     return -0.5 * z**2 - jnp.log(jnp.sqrt(2 * np.pi) * p["scale"])
 
 
 def _normal_cdf(y: Array, p: Parameters) -> Array:
-    from jax.scipy.special import ndtr
-
     return ndtr((y - p["loc"]) / p["scale"])
 
 
 def _lognormal_log_density(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     log_y = jnp.log(y)
     return 0.0 - log_y + _normal_log_density(log_y, p)
 
 
 def _lognormal_cdf(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     return _normal_cdf(jnp.log(y), p)
 
 
 def _gamma_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = (α − 1) log y − λ y − log Γ(α) + α log λ."""
-    from jax.scipy.special import gammaln
-
-    from structid.engine.device import jnp
-
     shape, rate = p["concentration"], p["rate"]
     return (shape - 1) * jnp.log(y) - rate * y - (gammaln(shape) - shape * jnp.log(rate))
 
 
 def _gamma_cdf(y: Array, p: Parameters) -> Array:
-    from jax.scipy.special import gammainc
-
     return gammainc(p["concentration"], p["rate"] * y)
 
 
 def _beta_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = (a − 1) log y + (b − 1) log(1 − y) − log B(a, b)."""
-    from jax.scipy.special import gammaln
-
-    from structid.engine.device import jnp
-
     powers = jnp.array([p["concentration1"], p["concentration0"]])
     log_beta = jnp.sum(gammaln(powers)) - gammaln(jnp.sum(powers))
     # At the ends of [0, 1] a safe value takes the place of y: the derivative would be NaN.
@@ -93,38 +73,26 @@ def _beta_log_density(y: Array, p: Parameters) -> Array:
 
 
 def _beta_cdf(y: Array, p: Parameters) -> Array:
-    from jax.scipy.special import betainc
-
-    from structid.engine.device import jnp
-
     return betainc(jnp.asarray(p["concentration1"]), jnp.asarray(p["concentration0"]), jnp.asarray(y))
 
 
 def _weibull_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = −(y/λ)^k + log k + (k − 1) log y − k log λ."""
-    from structid.engine.device import jnp
-
     shape, scale = p["concentration"], p["scale"]
     return -jnp.power(y / scale, shape) + jnp.log(shape) + (shape - 1.0) * jnp.log(y) - shape * jnp.log(scale)
 
 
 def _weibull_cdf(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     return 1 - jnp.exp(-((y / p["scale"]) ** p["concentration"]))
 
 
 def _gumbel_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = −(z + e^(−z)) − log β, z = (y − μ)/β."""
-    from structid.engine.device import jnp
-
     z = (y - p["loc"]) / p["scale"]
     return -(z + jnp.exp(-z)) - jnp.log(p["scale"])
 
 
 def _gumbel_cdf(y: Array, p: Parameters) -> Array:
-    from structid.engine.device import jnp
-
     return jnp.exp(-jnp.exp((p["loc"] - y) / p["scale"]))
 
 

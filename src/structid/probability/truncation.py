@@ -18,7 +18,6 @@ import scipy
 
 from structid.core.errors import InputError
 from structid.core.units import factor
-from structid.probability.jax_distributions import JAX_DISTRIBUTIONS
 from structid.probability.quadrature import probability_nodes
 
 SMALLEST_MASS = 1e-6
@@ -185,6 +184,7 @@ class Marginal:
             Log density with respect to the SI value; −inf outside the support.
         """
         from structid.engine.device import jnp
+        from structid.probability.jax_distributions import JAX_DISTRIBUTIONS
 
         low, high = self.support
         inside = (x >= low) & (x <= high)
@@ -211,6 +211,7 @@ class Marginal:
             Probabilities.
         """
         from structid.engine.device import jnp
+        from structid.probability.jax_distributions import JAX_DISTRIBUTIONS
 
         y = jnp.clip(x, *self.support) / self._factor
         if self.parameters:

@@ -133,7 +133,7 @@ def certify(
     draws_taken = draws_of(draws, posterior.names, posterior.units)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
-    drawn = _law(posterior, draws_taken, log_density, rng)
+    drawn = _drawn_density(posterior, draws_taken, log_density, rng)
     known = _known(known, posterior.dimension)
     by_chance = MonteCarloError.of(posterior.compared(drawn.in_order(drawn.flat)), limits.confidence)
     doubts = (*drawn.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
@@ -230,7 +230,9 @@ def _within_reach(drawn: DrawnDensity, fresh: FreshDraws, others: Points, limits
     return StoredRuns(log_true[near], log_drawn[near])
 
 
-def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnDensity:
+def _drawn_density(
+    posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator
+) -> DrawnDensity:
     if log_density is None:
         return FittedToDraws(posterior, draws, rng)
     if callable(log_density):

@@ -34,7 +34,7 @@ class Chosen:
     theta: Float[np.ndarray, "point parameter"]  # in SI
     # Log density of q there; −inf outside its support, where the model may find that there is something
     log_drawn: Float[np.ndarray, " point"]
-    # Log density of the wider density there, on the scale of q; −inf if there is none
+    # Log density of the wider distribution there, on the scale of q; −inf if there is none
     log_wide: Float[np.ndarray, " point"]
     log_mixture: Float[np.ndarray, " point"]  # log density, likewise, of the mixture g from which the points come
 

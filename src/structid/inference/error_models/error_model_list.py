@@ -5,7 +5,7 @@ from __future__ import annotations
 from structid.inference.error_models import drifting, independent, kernels
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 
-LAWS: tuple[ErrorModelKind, ...] = (
+ERROR_MODELS: tuple[ErrorModelKind, ...] = (
     independent.IID_KIND,
     kernels.AR1_KIND,
     kernels.MATERN32_KIND,

@@ -205,7 +205,7 @@ class DelayedAcceptance(Sampler):
             none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
             blocks = [_block(state, none, 0, failed, runs, 0, length, length, PLAIN_EVERY)]
             keep(0, blocks[0])
-        error_model = self._learnt_proposal(blocks)
+        proposal = self._learnt_proposal(blocks)
         for number in range(len(blocks), self.steps):
             rng, last = stream(seed, Purpose.DELAYED_ACCEPTANCE_STEPS, number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
@@ -213,12 +213,12 @@ class DelayedAcceptance(Sampler):
             if number >= self.tuning and number % plain_every == plain_every - 1:
                 block = self._plain_step(target, proposing, state, length, plain_every, rng)
             else:
-                moves = self._moves(error_model)
+                moves = self._moves(proposal)
                 block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
             if number < self.tuning:
-                error_model = self._learnt_proposal(blocks)
+                proposal = self._learnt_proposal(blocks)
             if progress is not None:
                 progress(number + 1, self.steps)
         every = joined(blocks, self.steps)
@@ -232,9 +232,9 @@ class DelayedAcceptance(Sampler):
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
-    def _moves(self, error_model: IndependenceProposal | None = None) -> Moves:
+    def _moves(self, proposal: IndependenceProposal | None = None) -> Moves:
         """The moves, with a distribution for independent proposals."""
-        return Moves(self.stretch, self.differential_evolution, self.independent, error_model)
+        return Moves(self.stretch, self.differential_evolution, self.independent, proposal)
 
     def _learnt_proposal(self, blocks: list[Block]) -> IndependenceProposal | None:
         """Distribution of all walkers in the later half of the tuning steps; it then stays fixed.

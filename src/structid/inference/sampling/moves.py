@@ -163,15 +163,15 @@ def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.n
 
 
 def independent_proposal(
-    rng: np.random.Generator, moving: Float[np.ndarray, "ensemble walker parameter"], error_model: IndependenceProposal
+    rng: np.random.Generator, moving: Float[np.ndarray, "ensemble walker parameter"], proposal: IndependenceProposal
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
     x* is drawn from a distribution q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An
     accepted walker has forgotten its previous position.
     """
-    proposal = error_model.draw(rng, moving.shape[1])
-    return proposal, error_model.log_density(moving) - error_model.log_density(proposal)
+    proposed = proposal.draw(rng, moving.shape[1])
+    return proposed, proposal.log_density(moving) - proposal.log_density(proposed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ class Moves:
     differential_evolution: float  # Fraction of differential-evolution moves among those that are not independent
     independent: float = 0.0  # Fraction of independence moves
     # The proposal they are drawn from. When left out, it is fitted to the resting half for each of them
-    error_model: IndependenceProposal | None = None
+    proposal: IndependenceProposal | None = None
 
     def kind(self, rng: np.random.Generator) -> Kind:
         """Draw the kind of a move."""
@@ -208,7 +208,7 @@ class Moves:
         """Propose a new position for every walker of a half."""
         if kind == "independent":
             return independent_proposal(
-                rng, moving, IndependenceProposal.fitted(resting) if self.error_model is None else self.error_model
+                rng, moving, IndependenceProposal.fitted(resting) if self.proposal is None else self.proposal
             )
         if kind == "differential evolution":
             return differential_proposal(rng, moving, resting.phi)

@@ -15,7 +15,7 @@ from structid.core.units import factor_of, si_unit, squared, to_si
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.inference.error_model_choice import AUTO
-from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models import error_model_list
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.error_model_kind import SQUARED
 from structid.inference.error_models.independent import IID
@@ -116,7 +116,7 @@ def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> Err
     if section.kind == AUTO:
         check_keys("discrepancy", AUTO, section.model_fields_set - {"kind"}, ())
         return IID()
-    kind = kind_named(section.kind, law_list.LAWS)
+    kind = kind_named(section.kind, error_model_list.ERROR_MODELS)
     given = section.model_fields_set - {"kind"}
     check_keys("discrepancy", kind.word, given, kind.keys)
     units = set(si_units.values())

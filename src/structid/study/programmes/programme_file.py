@@ -10,7 +10,7 @@ import pydantic
 from pydantic import Field, create_model
 
 from structid.core.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
-from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models import error_model_list
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
@@ -154,7 +154,7 @@ class ProgrammeFile(CalibrationFile):
 def programme_file() -> type[ProgrammeFile]:
     """Type of a programme's file, with the kinds registered now."""
     return _programme_file(
-        model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
+        model_list.MODELS, tuple(error_model_list.ERROR_MODELS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
     )
 
 

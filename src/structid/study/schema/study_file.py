@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from structid.core.errors import InputError
 from structid.core.keys import Section
-from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models import error_model_list
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
@@ -81,7 +81,9 @@ class StudyFile(CalibrationFile):
 
 def study_file() -> type[StudyFile]:
     """Type of a study file, with the kinds registered now."""
-    return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
+    return _study_file(
+        model_list.MODELS, tuple(surrogates.KINDS), tuple(error_model_list.ERROR_MODELS), tuple(sampler_list.SAMPLERS)
+    )
 
 
 @functools.cache

@@ -23,7 +23,7 @@ class FromReference(Target):
         phi, log_density = (np.concatenate(list(array))[None] for array in particles)
         fitted = IndependenceProposal.fitted(EnsembleState(phi, log_density))
         count = max(len(modes), 1)
-        self.error_model = IndependenceProposal(
+        self.reference = IndependenceProposal(
             np.concatenate([fitted.middle, np.stack([m.middle for m in modes])[None]], axis=1),
             np.concatenate([fitted.factor, np.stack([m.factor for m in modes])[None]], axis=1),
             np.concatenate([0.5 * fitted.share / fitted.share.sum(), np.full(count, 0.5 / count)]),
@@ -36,7 +36,7 @@ class FromReference(Target):
         constant = (
             gammaln(0.5 * (degrees + dimension)) - gammaln(0.5 * degrees) - 0.5 * dimension * np.log(np.pi * degrees)
         )
-        log_reference = self.error_model.log_density(phi[None])[0] + constant
+        log_reference = self.reference.log_density(phi[None])[0] + constant
         density, failed = self.target.evaluate(phi)
         return log_reference, density - log_reference, failed
 
@@ -50,7 +50,7 @@ class FromReference(Target):
 
     def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Draw from the reference."""
-        return np.asarray(self.error_model.draw(rng, count)[0])
+        return np.asarray(self.reference.draw(rng, count)[0])
 
     @property
     def content_hash(self) -> str:
