@@ -21,7 +21,7 @@ from pydantic_core import PydanticUndefined
 from structid.core.keys import Section
 from structid.study.programmes.programme_file import programme_file
 from structid.study.schema.problems import _tables
-from structid.study.schema.study_file import study_file
+from structid.study.study_reader import study_file
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx

@@ -1,21 +1,29 @@
-"""A trial: a model, a surrogate, a discrepancy, a section and a command are each one new file and one line of registration.
+"""A trial: everything that can be added is one new file and one line in a list.
 
-The files are beside this one, in `trial/`. A line of registration is `register(list, name, what)` here, which stands for a line in
-the list.
+It adds one of each kind in the table of the architecture page: a model, a surrogate, an error model, a sampler, a section, a stage
+with a table and a result of its own, a command and a purpose of random numbers. The files are in `trial/` beside this one. A call
+of `register(module, name, what)` here stands for a line in the list.
 """
 
+from enum import IntEnum
+
+import numpy as np
 import pytest
-from trial import new_command, new_discrepancy, new_model, new_section, new_surrogate
+from trial import new_command, new_discrepancy, new_model, new_sampler, new_section, new_stage, new_surrogate
 
 import structid as si
 from commands import structid
 from structid.cli.commands import command_list
+from structid.core import streams
 from structid.inference.diagnostics.robust_spread import robust_spread
 from structid.inference.error_models import error_model_list
+from structid.inference.sampling import sampler_list
 from structid.models import model_list
 from structid.report import section_list
-from structid.study.run import run_study
+from structid.study.run import report_again, run_study
+from structid.study.stages import stage_list
 from structid.surrogates import surrogate_list as registry
+from structid.surrogates.base import Surrogate
 
 STUDY = """
 name = "trial"
@@ -62,10 +70,11 @@ degree = 3
 validation = 10
 
 [sampler]
-kind = "smc"
-particles = 100
-steps = 20
-ensembles = 2
+kind = "random_walk"
+scale = 0.08
+
+[largest_response]
+channel = "displacement"
 
 [prediction]
 draws = 20
@@ -80,8 +89,12 @@ def registered(monkeypatch):
     register(model_list, "MODELS", new_model.KIND)
     register(registry, "KINDS", new_surrogate.KIND)
     register(error_model_list, "ERROR_MODELS", new_discrepancy.KIND)
+    register(sampler_list, "SAMPLERS", new_sampler.KIND)
     register(section_list, "OF_A_CALIBRATION", new_section.SECTION)
+    register(stage_list, "STAGES", new_stage.STAGE)
     register(command_list, "COMMANDS", new_command.parameters)
+    purposes = {purpose.name: purpose.value for purpose in streams.Purpose}
+    monkeypatch.setattr(streams, "Purpose", IntEnum("Purpose", purposes | {"RANDOM_WALK": 7_001}))
 
 
 @pytest.fixture
@@ -96,13 +109,61 @@ def test_a_study_of_new_things_runs_from_its_file_to_its_page(study, tmp_path):
     frequency = outcome.result.summary().row("frequency")
     # The prior's sd is 0.06; the surrogate is worth a tenth of that.
     assert abs(frequency["mean"] - 2.02) < 0.006 and frequency["sd"] < 0.006
-    assert type(outcome.surrogate) is new_surrogate.FittedQuadratic
+    assert type(outcome.results[Surrogate]) is new_surrogate.FittedQuadratic
     assert outcome.result.target.names == ("frequency", "b_displacement")
     page = outcome.report.read_text()
-    for words in ("A section of my own", "Words of my own.", "How many draws there are", "QuadraticResponse"):
+    largest = outcome.results[new_stage.LargestResponse]
+    shown = (
+        "A section of my own",
+        "Words of my own.",
+        f"{largest.peaks.mean():.5f}",
+        "QuadraticResponse",
+        "random walk",
+    )
+    for words in shown:
         assert words in page
     again = si.load_surrogate(tmp_path / "out" / "surrogate.h5")
     assert type(again) is new_surrogate.FittedQuadratic
+
+
+def test_the_study_is_read_back_without_sampling_again(study, tmp_path):
+    first = run_study(study, tmp_path / "out")
+    (tmp_path / "out" / "report.html").unlink()
+    again = report_again(tmp_path / "out")
+    np.testing.assert_array_equal(again.result.history, first.result.history)
+    kind = new_stage.LargestResponse
+    np.testing.assert_array_equal(again.results[kind].peaks, first.results[kind].peaks)
+    assert "A section of my own" in again.report.read_text()
+
+
+def test_a_new_sampler_draws_from_a_known_density(registered):
+    """A normal: mean and sd within four of their Monte Carlo errors; with half the scale in the density, it fails."""
+    space = si.ParameterSpace(x=si.Normal(0.0, 10.0))
+    sampler = new_sampler.RandomWalk(walkers=50, steps=1500, scale=2.4)
+    result = si.sample(si.LogDensity(lambda x: -0.5 * (x[..., 0] - 3.0) ** 2, ("x",), space), sampler, seed=1)
+    draws = result.kept.reshape(len(result.kept), -1)
+    chains = draws.mean(axis=0)
+    error = chains.std(ddof=1) / np.sqrt(chains.size)
+    assert abs(draws.mean() - 3.0) < 4.0 * error < 0.1
+    assert abs(draws.std() - 1.0) < 0.05
+
+
+def test_a_new_table_is_checked_and_counted(study):
+    said = structid("check", study, cwd=study.parent)
+    assert said.returncode == 0 and "Largest response: 50 model runs" in said.stdout
+    study.write_text(STUDY.replace('channel = "displacement"', 'chanel = "displacement"'))
+    said = structid("check", study, cwd=study.parent)
+    assert said.returncode == 2 and "key 'largest_response.chanel'" in said.stderr
+    study.write_text(STUDY.replace('channel = "displacement"', 'channel = "velocity"'))
+    said = structid("check", study, cwd=study.parent)
+    assert said.returncode == 2 and "velocity" in said.stderr
+
+
+def test_a_stage_that_needs_draws_needs_a_measurement(study):
+    text = STUDY[: STUDY.index("[observation]")] + STUDY[STUDY.index("[campaign]") :]
+    study.write_text(text)
+    said = structid("check", study, cwd=study.parent)
+    assert said.returncode == 2 and "table 'largest_response': no [observation]" in said.stderr
 
 
 def test_a_model_in_one_call_needs_no_workers_and_has_no_derivatives(registered):

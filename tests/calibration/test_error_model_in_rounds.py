@@ -32,8 +32,8 @@ def test_a_choice_for_want_of_runs_is_made_again(measured, tmp_path):
     assert not short.certificate.certified
     found = calibrated(measured, 200, tmp_path)
     assert found.certificate.certified
-    assert [e.value for e in found.law_choice.evidences] != [e.value for e in short.law_choice.evidences]
-    assert found.law_choice.laws[found.law_choice.chosen] == "iid"
+    assert [e.value for e in found.error_model_choice.evidences] != [e.value for e in short.law_choice.evidences]
+    assert found.error_model_choice.laws[found.law_choice.chosen] == "iid"
     again = calibrated(measured, 200, tmp_path)
     np.testing.assert_array_equal(again.sampling.draws, found.sampling.draws)
-    assert [e.value for e in again.law_choice.evidences] == [e.value for e in found.law_choice.evidences]
+    assert [e.value for e in again.error_model_choice.evidences] == [e.value for e in found.law_choice.evidences]

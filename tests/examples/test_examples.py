@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.calibration.calibration_result import CalibrationResult
+from structid.campaign.runs import Runs
 from structid.study.run import load, run_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -60,7 +62,7 @@ def test_a_cyclic_test_is_fitted_in_displacement_driven_mode(shared_data, tmp_pa
 def test_the_facade_is_certified_and_drawn(tmp_path):
     """Box, certificate, pictures, film and fragility of the packaged facade, with fewer runs."""
     outcome = run_study(EXAMPLES / "facade.toml", tmp_path / "out")
-    assert outcome.trusted and outcome.calibration.certificate.true_runs <= 400
+    assert outcome.trusted and outcome.results[CalibrationResult].certificate.true_runs <= 400
     truth = np.array([3.5e3, 1.1e6, 2.5e5, 1.6e6])
     assert (np.abs(outcome.result.mean[:4] - truth) < 4.0 * outcome.result.sd[:4]).all()
     page = outcome.report.read_text()
@@ -108,7 +110,7 @@ def built_in(runs):
 def test_the_solver_in_c_is_compiled_and_agrees_with_ours(tmp_path):
     folder = copied("c_solver", tmp_path)
     subprocess.run(["make", "oscillator"], cwd=folder, check=True, capture_output=True)
-    runs = run_study(folder / "study.toml", tmp_path / "out", executor="processes").runs
+    runs = run_study(folder / "study.toml", tmp_path / "out", executor="processes").results[Runs]
     assert runs.done.all(), runs.reasons
     space = si.ParameterSpace(**runs.design.space.marginals)
     ours = built_in(replace(runs, design=si.Design(runs.design.values, space)))

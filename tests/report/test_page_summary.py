@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.core.by_type import ByType
 from structid.inference.diagnostics.prior_warnings import prior_warnings
 from structid.report.page_summary import comparison_summary, page_summary
+from structid.surrogates.base import Surrogate
 
 SPACE = si.ParameterSpace(
     stiffness=si.Uniform(5.0, 9.0, unit="kN/mm"), alpha=si.Uniform(0.0, 0.2), beta=si.Uniform(50.0, 70.0, unit="1/m")
@@ -37,7 +39,7 @@ def material(
     return SimpleNamespace(
         result=SimpleNamespace(verdict=lambda: verdict, cost=cost),
         calibration=None if certificate is None else SimpleNamespace(certificate=certificate, enough_to_go_on=400),
-        surrogate=surrogate,
+        results=ByType({Surrogate: surrogate}),
         posterior=SimpleNamespace(space=SPACE, model_space=SPACE, names=SPACE.names, factors=SPACE.factors),
         summary=SimpleNamespace(names=SPACE.names, units=tuple(SPACE.units.values()), columns=columns),
         true_values={} if truth is None else dict(zip(SPACE.names, np.array(truth) * SPACE.factors, strict=True)),

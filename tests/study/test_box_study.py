@@ -7,6 +7,8 @@ import pytest
 
 import structid as si
 from commands import structid
+from structid.campaign.runs import Runs
+from structid.reliability.parameter_study import ParameterStudy
 from structid.study.run import load, report_again, run_study
 from studies import SMALL
 
@@ -32,8 +34,12 @@ def study(tmp_path):
 def test_runs_over_the_priors_and_the_page_again(study):
     folder = study.parent / "out"
     outcome = run_study(study, folder)
-    found = outcome.parameter_study
-    assert outcome.runs is None and found.runs.channels == ("displacement", "restoring_force") and len(found.runs) == 60
+    found = outcome.results[ParameterStudy]
+    assert (
+        Runs not in outcome.results
+        and found.runs.channels == ("displacement", "restoring_force")
+        and len(found.runs) == 60
+    )
     assert [p.limit for p in found.passages] == [0.02, 0.04]
     largest = np.abs(found.runs.channel("displacement")).max(axis=1)
     for passages in found.passages:
@@ -43,7 +49,7 @@ def test_runs_over_the_priors_and_the_page_again(study):
     assert "Parameters and first passages" in page and "stiffness above 7.5 kN/mm" in page
     again = report_again(folder)
     assert again.report.read_text().count("<figure>") == page.count("<figure>")
-    np.testing.assert_array_equal(again.parameter_study.runs.values, found.runs.values)
+    np.testing.assert_array_equal(again.results[ParameterStudy].runs.values, found.runs.values)
 
 
 def test_a_box_of_one_parameter(study):
@@ -56,7 +62,7 @@ def test_a_box_of_one_parameter(study):
     text = re.sub(r"^(\[model\].*\n)", "\\1alpha = 0.06\nbeta = 60.0\ngamma_ratio = 0.5\n", text, flags=re.M)
     study.write_text(text)
     outcome = run_study(study, study.parent / "out")
-    assert [found.first.tolist() for found in outcome.parameter_study.sensitivities.values()] == [[1.0], [1.0]]
+    assert [found.first.tolist() for found in outcome.results[ParameterStudy].sensitivities.values()] == [[1.0], [1.0]]
     assert "Parameters and first passages" in outcome.report.read_text()
 
 
@@ -65,7 +71,7 @@ def test_beside_a_calibration(study):
     text = SMALL + STUDY[STUDY.index("[parameter_study]") :]
     study.write_text(text)
     outcome = run_study(study, study.parent / "out")
-    assert outcome.result is not None and outcome.parameter_study is not None
+    assert outcome.result is not None and ParameterStudy in outcome.results
     page = outcome.report.read_text()
     assert page.index(">Other records<") < page.index(">Parameters and first passages<")
 
@@ -75,7 +81,7 @@ def test_on_the_command_line(study):
     assert done.returncode == 0, done.stderr
     assert "Passages of displacement over 0.02" in done.stdout and "Sobol' indices" in done.stdout
     told = structid("check", "study.toml", cwd=study.parent)
-    assert told.returncode == 0 and "Parameter study: 60 model runs" in told.stdout
+    assert told.returncode == 0 and "Runs over the priors: 60 model runs" in told.stdout
 
 
 @pytest.mark.parametrize(

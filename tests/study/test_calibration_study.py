@@ -7,8 +7,10 @@ import pytest
 
 from commands import structid
 from structid.calibration import final_draws
+from structid.calibration.calibration_result import CalibrationResult
 from structid.core.errors import InputError
 from structid.study.run import load, report_again, run_study
+from structid.surrogates.base import Surrogate
 from studies import PLAIN, shortened
 
 STUDY = shortened(PLAIN).replace('methods = ["pattern_search", "interior_point"]\nstarts = 4', "methods = []")
@@ -28,8 +30,10 @@ def test_a_certified_study(tmp_path, monkeypatch):
     # One good surrogate in fifty is refused by the luck of its draws; the budget is for a second certificate, and a third.
     study = written(tmp_path, CALIBRATION.replace("true_runs = 300", "true_runs = 700"))
     outcome = run_study(study, tmp_path / "out")
-    certificate = outcome.calibration.certificate
-    assert certificate.certified and outcome.trusted and outcome.result.verdict().converged, str(outcome.calibration)
+    certificate = outcome.results[CalibrationResult].certificate
+    assert certificate.certified and outcome.trusted and outcome.result.verdict().converged, str(
+        outcome.results[CalibrationResult]
+    )
     page = outcome.report.read_text()
     assert page.index("Certified: surrogate and model agree") < page.index('id="posterior-table"')
     assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
@@ -41,7 +45,9 @@ def test_a_certified_study(tmp_path, monkeypatch):
     monkeypatch.setattr(final_draws, "check_representation", None)  # what the second explorer has found is stored
     again = report_again(tmp_path / "out")
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
-    assert str(again.calibration.representation) == str(outcome.calibration.representation)
+    assert str(again.results[CalibrationResult].representation) == str(
+        outcome.results[CalibrationResult].representation
+    )
     assert again.report.read_text().count("<figure>") == page.count("<figure>")
 
 
@@ -62,8 +68,8 @@ def test_a_study_that_is_not_certified_says_so_and_goes_on_with_more_runs(tmp_pa
     study.write_text(searched.replace("true_runs = 160", "true_runs = 300"))
     outcome = run_study(study, tmp_path / "out", resume=True)
     second = json.loads((tmp_path / "out" / "interior_point.json").read_text())
-    assert outcome.calibration.training_runs > 160 and second["settings"] != first["settings"]
-    fitted = outcome.surrogate.fitted
+    assert outcome.results[CalibrationResult].training_runs > 160 and second["settings"] != first["settings"]
+    fitted = outcome.results[Surrogate].fitted
     for search in (first, second):  # the posterior lies on a bound of the prior, which no run of a design quite reaches
         ends = np.array([m["theta"] for m in search["minima"]])
         assert (ends <= load(study).space.bounds[:, 1]).all()
@@ -76,7 +82,7 @@ def test_exact_sampling_needs_no_certificate(tmp_path):
     budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
     exact = '[sampler]\nkind = "delayed_acceptance"\nwalkers = 24\nsteps = 30\ntuning = 8\n\n'
     outcome = run_study(written(tmp_path, budget, sampler=exact), tmp_path / "out")
-    calibration, result = outcome.calibration, outcome.result
+    calibration, result = outcome.results[CalibrationResult], outcome.result
     assert calibration.exact and not calibration.reweighted
     assert calibration.trusted == outcome.trusted == result.verdict().converged
     assert type(result.target.model).__name__ == "BoucWen" and result.cost.true_runs == 30 * 24 * 4

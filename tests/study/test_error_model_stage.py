@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from structid.calibration.calibration_result import CalibrationResult
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.study.run import load, report_again, run_study
 from studies import PACKAGED, SMALL, shortened, without_pages
 
@@ -19,25 +21,25 @@ def written(folder, text):
 def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
     study = written(tmp_path, HEAD + TAIL)
     outcome = run_study(study, tmp_path / "out")
-    choice, result = outcome.law_choice, outcome.result
-    assert choice.laws == (
+    choice, result = outcome.results[ErrorModelChoice], outcome.result
+    assert choice.error_models == (
         "iid", "ar1", "damped cosine", "drifting parameters + iid", "drifting parameters + damped cosine",
     )  # fmt: skip
     best = max(range(5), key=lambda place: choice.evidences[place].value)
-    assert "drifting" in choice.laws[best]
+    assert "drifting" in choice.error_models[best]
     # Tens of hidden values need another sampler than the four parameters of the file. If they are not sampled well, they are left.
     assert result.target.error_model.inside is not choice.added_only
     assert result.verdict().wrong_model or not result.verdict().converged, str(result.verdict())
     page = outcome.report.read_text()
     assert choice.sentence in page
-    for law in choice.laws:
+    for law in choice.error_models:
         assert law in page
     said = "The model is wrong for these data" if result.verdict().converged else "The sampler has not converged"
     assert page.count(said) >= 4  # at the top, and beside what it concerns
     with without_pages():
         again = report_again(tmp_path / "out")
     np.testing.assert_array_equal(again.result.history, result.history)
-    assert again.law_choice.sentence == choice.sentence
+    assert again.results[ErrorModelChoice].sentence == choice.sentence
 
 
 @pytest.mark.slow
@@ -49,8 +51,8 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
     with without_pages():
         outcome = run_study(written(tmp_path, text), tmp_path / "out")
         again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
-    choice, calibration = outcome.law_choice, outcome.calibration
-    assert choice is calibration.law_choice and choice.laws == ("iid", "ar1", "damped cosine")
+    choice, calibration = outcome.results[ErrorModelChoice], outcome.results[CalibrationResult]
+    assert choice is calibration.error_model_choice and choice.error_models == ("iid", "ar1", "damped cosine")
     law = choice.posterior.error_model.describe()["kind"]
     assert (
         law != "iid"
@@ -60,7 +62,7 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
     )
     assert calibration.certificate.names == calibration.posterior.compared_names
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
-    assert again.law_choice.evidences[0].value == choice.evidences[0].value
+    assert again.results[ErrorModelChoice].evidences[0].value == choice.evidences[0].value
 
 
 def test_a_law_left_open_is_another_study_than_any_law(tmp_path):

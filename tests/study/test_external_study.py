@@ -7,6 +7,8 @@ import pytest
 
 import structid as si
 from commands import structid
+from structid.calibration.calibration_result import CalibrationResult
+from structid.campaign.runs import Runs
 from structid.core.errors import InputError, Status
 from structid.study import packaged
 from structid.study.run import load, report_again, run_study
@@ -35,14 +37,14 @@ def folder(tmp_path):
 def test_runs_then_a_calibration_then_the_page_again(folder):
     (folder / "study.toml").write_text(STUDY.replace("steps = 20", "steps = 8"))
     outcome = run_study(folder / "study.toml", folder / "out", executor="processes:2")
-    assert outcome.runs.done.all() and len(outcome.runs) == 12
+    assert outcome.results[Runs].done.all() and len(outcome.results[Runs]) == 12
     assert outcome.result.draws.shape[-1] == 4
     page = outcome.report.read_text()
     assert "True runs" in page and "How they ended" in page
     with without_pages():
         serial = run_study(folder / "study.toml", folder / "again")
     np.testing.assert_array_equal(serial.result.history, outcome.result.history)
-    np.testing.assert_array_equal(serial.runs.values, outcome.runs.values)
+    np.testing.assert_array_equal(serial.results[Runs].values, outcome.results[Runs].values)
     assert report_again(folder / "out").report.read_text().count("<figure>") == page.count("<figure>")
 
 
@@ -94,7 +96,7 @@ def test_a_built_in_model_with_a_campaign_on_two_records(tmp_path):
     text += '[campaign]\nruns = 9\nchannels = ["velocity", "displacement"]\nmethod = "maximin"\n'
     text += '[[campaign.records]]\nname = "other"\nsynthetic = { seed = 3, duration = 5 }\n'
     (tmp_path / "s.toml").write_text(text)
-    runs = run_study(tmp_path / "s.toml", tmp_path / "out").runs
+    runs = run_study(tmp_path / "s.toml", tmp_path / "out").results[Runs]
     assert runs.channels == ("velocity", "displacement") and runs.done.all()
     assert [len(runs.on(i)) for i in (0, 1)] == [5, 4] and runs.records[1].name == "other"
 
@@ -167,7 +169,7 @@ def test_a_program_in_a_study(folder):
         'columns = { velocity = "velocity" }\nunits = { velocity = "mm/s" }\ntime = 0\n\n',
     )
     (folder / "program.toml").write_text(text)
-    runs = run_study(folder / "program.toml", folder / "out", executor="processes").runs
+    runs = run_study(folder / "program.toml", folder / "out", executor="processes").results[Runs]
     assert runs.counts[Status.DONE] == 12, runs.reasons
     expected = runs.design.values[3, 0] * 1e-6 * runs.records[0].values * 1e-3
     np.testing.assert_allclose(runs.values[3, :, 0], expected, rtol=1e-12, atol=1e-18)
@@ -194,7 +196,7 @@ def test_the_example_as_it_is_written_finds_its_truth(tmp_path):
         (tmp_path / name).write_text(packaged.template(template))
     with without_pages():
         outcome = run_study(tmp_path / "study.toml", tmp_path / "out")
-    assert outcome.calibration.certificate.certified
+    assert outcome.results[CalibrationResult].certificate.certified
     truth = np.array([7.6e6, 1.0 / 126.0, 0.05])  # of β = γ = 63/m
     assert (np.abs(outcome.result.mean[:3] - truth) < 3.0 * outcome.result.sd[:3]).all(), str(outcome.result)
 
@@ -244,7 +246,7 @@ def test_a_server_in_a_study_that_does_not_answer(folder):
     start, end = RUNS_ONLY.index('type = "python"'), RUNS_ONLY.index("[parameters.stiffness]")
     section = 'type = "umbridge"\nurl = "http://127.0.0.1:9"\nmodel = "wave"\nchannels = ["velocity"]\n\n'
     (folder / "served.toml").write_text(RUNS_ONLY[:start] + section + RUNS_ONLY[end:])
-    runs = run_study(folder / "served.toml", folder / "out").runs
+    runs = run_study(folder / "served.toml", folder / "out").results[Runs]
     assert runs.counts[Status.FAILED] == 12 and "the server at http://127.0.0.1:9 did not answer" in runs.reasons[0]
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.reliability.fragility import Fragility
 from structid.study.run import load, report_again, run_study
 from studies import SMALL
 
@@ -37,7 +38,7 @@ def study(tmp_path):
 def test_records_of_rising_strength_and_the_page_again(study):
     folder = study.parent / "out"
     outcome = run_study(study, folder)
-    found = outcome.fragility
+    found = outcome.results[Fragility]
     assert found.records == ("one", "another") and found.passed.shape == (20, 2, 3) and found.limit == 0.025
     np.testing.assert_allclose(found.levels, [0.5, 4.0, 9.0])
     assert found.true_runs == found.passed.size and np.isin(found.passed, (0.0, 1.0)).all()
@@ -52,7 +53,7 @@ def test_records_of_rising_strength_and_the_page_again(study):
     page = outcome.report.read_text()
     assert "Probability of failure" in page
     again = report_again(folder)
-    np.testing.assert_array_equal(again.fragility.passed, found.passed)
+    np.testing.assert_array_equal(again.results[Fragility].passed, found.passed)
     assert again.report.read_text().count("<figure>") == page.count("<figure>")
 
 

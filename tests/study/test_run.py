@@ -10,7 +10,8 @@ import pytest
 from commands import structid
 from structid.core.errors import StoreMismatchError
 from structid.study import packaged
-from structid.study.folder import IDENTITY, STUDY, left_as_it_was
+from structid.study.folder import left_as_it_was
+from structid.study.folder_layout import IDENTITY, STUDY
 from structid.study.run import load, report_again, run_study
 from studies import SMALL, without_pages
 

@@ -9,10 +9,10 @@ import pytest
 import structid as si
 from structid.core.errors import InputError
 from structid.study import packaged
-from structid.study.building.study import build
+from structid.study.build_study import build
 from structid.study.run import load, run_study
 from structid.study.schema.problems import StudyErrors
-from structid.study.schema.study_file import parse_study
+from structid.study.study_reader import parse_study
 from studies import PACKAGED, SMALL
 
 

@@ -5,11 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from structid.campaign.runs import Runs
 from structid.core.errors import InputError
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.run import load, run_study
-from structid.study.schema.study_file import study_file
+from structid.study.study_reader import study_file
 from structid.surrogates import surrogate_list as registry
+from structid.surrogates.base import Surrogate
 from structid.surrogates.chaos.pce import PCE
 from studies import PACKAGED, PLAIN, shortened, without_pages
 
@@ -42,18 +44,18 @@ def test_the_study_runs_with_each_of_them_by_one_word(kind, tmp_path):
     more = "degree = 2\nsteps = 4\n" if "narx" in kind else ""
     study = written(tmp_path, words(kind, more))
     outcome = run_study(study, tmp_path / "out")
-    assert outcome.surrogate.validation is not None and len(outcome.surrogate.validation.errors) == 20
-    assert outcome.result.target.model is outcome.surrogate
+    assert outcome.results[Surrogate].validation is not None and len(outcome.results[Surrogate].validation.errors) == 20
+    assert outcome.result.target.model is outcome.results[Surrogate]
     page = outcome.report.read_text()
     assert 'id="surrogate"' in page and "Validation" in page and "surrogate_velocity" in page
-    assert len(outcome.runs) == 80 and (tmp_path / "out" / "validation.h5").is_file()
+    assert len(outcome.results[Runs]) == 80 and (tmp_path / "out" / "validation.h5").is_file()
     timings = json.loads((tmp_path / "out" / "timings.json").read_text())
     assert {"true runs", "fitting the surrogate", "sampling"} <= set(timings)
     # Everything is read back: nothing is fitted or drawn again.
     with without_pages():
         again = run_study(study, tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
-    assert again.surrogate.content_hash == outcome.surrogate.content_hash
+    assert again.results[Surrogate].content_hash == outcome.results[Surrogate].content_hash
 
 
 def test_runs_and_a_surrogate_of_them_without_a_measurement(tmp_path):
@@ -62,7 +64,7 @@ def test_runs_and_a_surrogate_of_them_without_a_measurement(tmp_path):
         tmp_path, text[: text.index("[observation]")] + text[text.index("[surrogate]") : text.index("[discrepancy]")]
     )
     outcome = run_study(study, tmp_path / "out")
-    assert outcome.result is None and outcome.surrogate.validation.mean < 0.5
+    assert outcome.result is None and outcome.results[Surrogate].validation.mean < 0.5
     assert "surrogate_velocity" in outcome.report.read_text()
 
 
@@ -83,7 +85,7 @@ def test_a_surrogate_past_its_limit_is_sampled_by_who_trusts_it_or_raises_the_li
     trusted = written(tmp_path, words("pod_pce", "trust = true").replace("limit = 0.5", "limit = 1e-9"))
     assert run_study(trusted, tmp_path / "out", resume=True).result is not None
     raised = written(tmp_path, words("pod_pce"), "raised.toml")
-    assert run_study(raised, tmp_path / "out", resume=True).surrogate.fitted.limit == 0.5
+    assert run_study(raised, tmp_path / "out", resume=True).results[Surrogate].fitted.limit == 0.5
 
 
 @pytest.mark.parametrize(

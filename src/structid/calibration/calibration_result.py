@@ -13,6 +13,7 @@ from jaxtyping import Float
 from structid.campaign.runs import Runs
 from structid.certification.certificate import Certificate
 from structid.core.notebook import ShownAsText
+from structid.core.renamed import renamed_attribute
 from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
 from structid.inference.diagnostics.posterior_summary import Summary
@@ -93,7 +94,7 @@ class CalibrationResult(ShownAsText):
         The last one.
     runs : Runs
         All true runs.
-    law_choice : ErrorModelChoice or None
+    error_model_choice : ErrorModelChoice or None
         Which error model the data chose, where it was left to them.
     representation : Representation or None
         Draws of the surrogate's posterior beside those of a second explorer.
@@ -105,8 +106,10 @@ class CalibrationResult(ShownAsText):
     posterior: Posterior = field(repr=False)
     surrogate: Surrogate = field(repr=False)
     runs: Runs = field(repr=False)
-    law_choice: ErrorModelChoice | None = field(default=None, repr=False)
+    error_model_choice: ErrorModelChoice | None = field(default=None, repr=False)
     representation: Representation | None = field(default=None, repr=False)
+
+    law_choice = renamed_attribute("law_choice", "error_model_choice")
 
     @property
     def names(self) -> tuple[str, ...]:

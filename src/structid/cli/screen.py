@@ -14,6 +14,7 @@ from rich.console import Console
 from structid.core.errors import CampaignStoppedError
 
 if TYPE_CHECKING:
+    from structid.inference.sampling_result import SamplingResult
     from structid.study.run import StudyOutcome
 
 DONE = 0
@@ -138,38 +139,56 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
 def finish(outcome: StudyOutcome) -> None:
     """Print the result of a study. The exit code shows whether to believe it."""
+    from structid.campaign.runs import Runs
+
     screen.print()
-    if outcome.parameter_study is not None:
-        screen.print(str(outcome.parameter_study), markup=False, soft_wrap=True)
-    if outcome.runs is not None:
-        screen.print(str(outcome.runs), markup=False, soft_wrap=True)
+    _print_results_of_tables(outcome, needs_draws=False)
+    runs = outcome.results.get(Runs)
+    if runs is not None:
+        _print_plainly(str(runs))
         screen.print()
     if outcome.result is None:
-        screen.print(f"Report: {outcome.report.resolve()}", markup=False, soft_wrap=True)
-        if outcome.runs is not None and not outcome.runs.done.any():
+        _print_plainly(f"Report: {outcome.report.resolve()}")
+        if runs is not None and not runs.done.any():
             raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
         return
+    _print_posterior(outcome, outcome.result)
+    _print_plainly(f"\nReport: {outcome.report.resolve()}")
+    if not outcome.trusted:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
+    """Print the page's first box, the error model, the certificate and the verdict."""
+    from structid.calibration.calibration_result import CalibrationResult
+    from structid.inference.error_model_choice import ErrorModelChoice
     from structid.report.page_summary import page_summary
 
     assert outcome.material is not None
-    screen.print(str(page_summary(outcome.material)), markup=False, soft_wrap=True)
-    screen.print()
-    if outcome.law_choice is not None:
-        screen.print(outcome.law_choice.sentence, markup=False, soft_wrap=True)
-        screen.print()
-    if outcome.result.cost is not None:
-        exact = "Exact" if outcome.result.verdict().converged else "Exact in the long run, but not converged"
-        screen.print(
-            f"{exact}: {outcome.result.cost}", style="green" if outcome.trusted else "bold red", soft_wrap=True
-        )
-        screen.print()
-    if outcome.calibration is not None:
-        certificate = str(outcome.calibration.certificate)
-        screen.print(certificate, style="green" if outcome.trusted else "bold red", markup=False, soft_wrap=True)
-        screen.print()
-    verdict = outcome.result.verdict()
-    good = verdict.converged and not verdict.doubt
-    screen.print(str(verdict), style="green" if good else "bold red", markup=False, soft_wrap=True)
-    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
-    if not outcome.trusted:
-        raise typer.Exit(NOT_CONVERGED)
+    _print_plainly(f"{page_summary(outcome.material)}\n")
+    choice, calibration = outcome.results.get(ErrorModelChoice), outcome.results.get(CalibrationResult)
+    verdict = result.verdict()
+    if choice is not None:
+        _print_plainly(f"{choice.sentence}\n")
+    trusted = "green" if outcome.trusted else "bold red"
+    if result.cost is not None:
+        exact = "Exact" if verdict.converged else "Exact in the long run, but not converged"
+        _print_plainly(f"{exact}: {result.cost}\n", trusted)
+    if calibration is not None:
+        _print_plainly(f"{calibration.certificate}\n", trusted)
+    _print_plainly(str(verdict), "green" if verdict.converged and not verdict.doubt else "bold red")
+    _print_results_of_tables(outcome, needs_draws=True)
+
+
+def _print_results_of_tables(outcome: StudyOutcome, needs_draws: bool) -> None:
+    """Print the results of the stages that have a table of their own."""
+    from structid.study.stages import stage_list
+
+    for stage in stage_list.STAGES:
+        if stage.table is not None and stage.table.needs_draws == needs_draws and stage.result in outcome.results:
+            _print_plainly(f"{outcome.results[stage.result]}\n")
+
+
+def _print_plainly(text: str, style: str = "") -> None:
+    """Print text as it is: brackets are no markup, and lines stay whole."""
+    screen.print(text, style=style, markup=False, soft_wrap=True)

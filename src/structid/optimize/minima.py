@@ -153,3 +153,7 @@ def collect(
         objective.space.units,
         objective.space.factors,
     )
+
+
+class Searches(dict[str, OptimizeResult]):
+    """Deterministic calibrations of one posterior, by the name of their method."""

@@ -9,6 +9,7 @@ from structid.figures.style import pretty, pretty_unit
 from structid.report.material.material import PosteriorMaterial
 from structid.report.section import Rows
 from structid.report.tables import moments, number, versions_table
+from structid.surrogates.base import Surrogate
 
 
 def posterior_table(material: PosteriorMaterial) -> Rows:
@@ -81,7 +82,7 @@ def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
 
 def sentence(material: PosteriorMaterial) -> str:
     """Describe in one sentence what was done."""
-    posterior, surrogate = material.posterior, material.surrogate
+    posterior, surrogate = material.posterior, material.results.get(Surrogate)
     through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))

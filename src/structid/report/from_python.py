@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from structid.calibration.calibration_result import CalibrationResult
+from structid.core.by_type import ByType
 from structid.core.errors import InputError
 from structid.core.progress import Progress
+from structid.core.renamed import renamed_argument
 from structid.core.validation import check_arguments
 from structid.ground_motion.record import GroundMotion
 from structid.inference.error_model_choice import ErrorModelChoice
@@ -17,7 +19,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
 from structid.report.drawing.drawn_sections import draw
-from structid.report.material.material import PosteriorMaterial
+from structid.report.material.material import PosteriorMaterial, calibration_results
 from structid.report.page import write_posterior_report
 from structid.surrogates.base import Surrogate
 
@@ -25,6 +27,7 @@ DRAWS = 400
 """Draws of the bands."""
 
 
+@renamed_argument(law_choice="error_model_choice")
 @check_arguments
 def write_report(
     result: CalibrationResult | SamplingResult,
@@ -34,7 +37,7 @@ def write_report(
     other_records: Sequence[GroundMotion] = (),
     channels: Sequence[str] = (),
     true_values: dict[str, float] | None = None,
-    law_choice: ErrorModelChoice | None = None,
+    error_model_choice: ErrorModelChoice | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write ``report.html`` of a calibration: one file, with verdict, numbers and figures, as ``structid run`` writes it.
@@ -53,7 +56,7 @@ def write_report(
         What is predicted for them; what was measured when left out.
     true_values : dict of str to float, optional
         True parameters in SI, of a virtual experiment.
-    law_choice : ErrorModelChoice, optional
+    error_model_choice : ErrorModelChoice, optional
         Of `choose_error_model`; a calibration has its own.
     progress : callable, optional
         Called with the number of figures drawn and the total.
@@ -73,7 +76,7 @@ def write_report(
     >>> import structid as si
     >>> page = si.write_report(result, "report", title="Specimen 4")  # doctest: +SKIP
     """
-    material = _material(result, title, tuple(other_records), tuple(channels), true_values or {}, law_choice)
+    material = _material(result, title, tuple(other_records), tuple(channels), true_values or {}, error_model_choice)
     output_folder = Path(folder)
     output_folder.mkdir(parents=True, exist_ok=True)
     drawn = draw(section_list.OF_A_CALIBRATION, material, output_folder / "figures", progress)
@@ -86,7 +89,7 @@ def _material(
     other_records: tuple[GroundMotion, ...],
     channels: tuple[str, ...],
     true_values: dict[str, float],
-    law_choice: ErrorModelChoice | None,
+    error_model_choice: ErrorModelChoice | None,
 ) -> PosteriorMaterial:
     calibration = result if isinstance(result, CalibrationResult) else None
     sampling: SamplingResult = result if calibration is None else calibration.sampling  # type: ignore[assignment]
@@ -100,16 +103,17 @@ def _material(
     posterior = sampled if calibration is None else calibration.posterior
     record: Any = posterior.observations[0].record
     # A model that stands in for another one is a surrogate: nothing else does.
-    by_itself = None if posterior.model.stand_in is None else cast(Surrogate, posterior.model)
-    choice = law_choice if calibration is None else calibration.law_choice
+    surrogate = None if posterior.model.stand_in is None else cast(Surrogate, posterior.model)
+    results = (
+        ByType({SamplingResult: sampling, Surrogate: surrogate, ErrorModelChoice: error_model_choice})
+        if calibration is None
+        else calibration_results(calibration)
+    )
     return PosteriorMaterial(
         title=title,
         settings=f"{posterior.model}\n\n{posterior.model_space}\n\n{posterior.error_model}",
-        runs=None if calibration is None else calibration.runs,
-        surrogate=by_itself if calibration is None else calibration.surrogate,
-        result=sampling,
+        results=results,
         true_posterior=posterior,
-        searches={},
         raw_record=record,
         record=record,
         truths=(None,) * len(posterior.observations),
@@ -117,7 +121,5 @@ def _material(
         other_records=other_records,
         predicted_channels=channels,
         prediction_draws=DRAWS,
-        calibration=calibration,
-        left_to_the_data=choice is not None,
-        law_choice=choice,
+        left_to_the_data=ErrorModelChoice in results,
     )

@@ -9,6 +9,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from structid.campaign.runs import Runs
 from structid.core.journal import write_then_rename
 from structid.core.progress import Progress
 from structid.inference.diagnostics.verdict import Verdict
@@ -70,18 +71,21 @@ def _doubt(verdict: Verdict) -> str:
 def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, float]) -> Path:
     """Write ``report.html`` of a study with runs and no measurement."""
     runs = material.runs
-    assert runs is not None
-    records = ", ".join(r.name for r in runs.records)
     return _write(
         "campaign.html",
         folder,
         title=material.title,
-        sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
+        sentence="A study without a measurement." if runs is None else _what_ran(runs),
         runs=runs,
         sections=_shown(draw(section_list.OF_RUNS, material, folder / "figures"), material),
         settings=material.settings,
         run=versions_table(timings),
     )
+
+
+def _what_ran(runs: Runs) -> str:
+    records = ", ".join(r.name for r in runs.records)
+    return f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}."
 
 
 def write_programme_report(

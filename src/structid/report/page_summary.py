@@ -14,6 +14,7 @@ from structid.report.material.comparison_material import ComparedClass, Comparis
 from structid.report.material.learnt_parameters import LITTLE, LearntParameter, learnt_parameters
 from structid.report.material.material import PosteriorMaterial
 from structid.report.tables import percent
+from structid.surrogates.base import Surrogate
 
 Trust = Literal["good", "doubtful", "bad"]
 """Reliability of a statement."""
@@ -139,7 +140,8 @@ def _surrogate(material: PosteriorMaterial) -> list[Believed]:
     if material.result.cost is not None:
         return [Believed("Surrogate", "good", "only proposed; the model itself decided on every step")]
     if material.calibration is None:
-        return [] if material.surrogate is None else [Believed("Surrogate", "doubtful", "validated, and not certified")]
+        validated = Surrogate in material.results
+        return [Believed("Surrogate", "doubtful", "validated, and not certified")] if validated else []
     certificate = material.calibration.certificate
     if certificate.certified:
         runs = f"{certificate.true_runs} runs of the model"

@@ -14,7 +14,7 @@ from structid.core.errors import InputError
 from structid.core.journal import write_then_rename
 from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.page import write_certificate_report
-from structid.study.folder import TIMINGS
+from structid.study.folder_layout import TIMINGS
 from structid.study.run import load
 from structid.study.schema.study_file import study_text
 from structid.study.timings import Stage, StagesAsTold, Timings, silent

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.calibration.calibration_result import CalibrationResult
 from structid.core.errors import InputError, StructidWarning
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.model_comparison.comparison import Comparison, ModelClass, leave_out
@@ -19,7 +20,7 @@ from structid.inference.sampling.smc.smc import SMC
 from structid.observation import Observation
 from structid.report.material.comparison_material import ComparedClass, ComparisonMaterial
 from structid.report.page import write_comparison
-from structid.study.folder import IDENTITY
+from structid.study.folder_layout import IDENTITY
 from structid.study.run import StudyOutcome, stored_outcome
 from structid.study.timings import Stage, silent
 
@@ -115,7 +116,7 @@ def _share_inside(observations: Sequence[Observation], predictions: Sequence[Pre
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:
     """The sampler's evidence; otherwise that of SMC on the same posterior, where it is fast."""
-    result, calibration = outcome.result, outcome.calibration
+    result, calibration = outcome.result, outcome.results.get(CalibrationResult)
     assert result is not None and isinstance(result.target, Posterior)
     evidence = result.log_evidence
     if evidence is None:

@@ -163,27 +163,29 @@ def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: in
     """The parts of a study in order, given the duration of a run in a batch."""
     if runs := _true_runs(study):
         yield Part("Campaign", runs * each, runs, batch, study.plan)
-    if study.parameter_study is not None:
-        over_the_box = len(study.parameter_study.design)
-        yield Part("Parameter study", over_the_box * each, over_the_box, batch)
-    if study.posterior is None:
-        return
+    if study.posterior is not None:
+        yield from _sampling_parts(study, study.posterior, under, each, batch)
+    for plan in study.plans:
+        runs = plan.model_runs
+        yield Part(plan.what.capitalize(), runs * each, runs, batch)
+    if study.posterior is not None:
+        yield from _other_records(study, each)
+        yield Part("Predictions, figures and page", PAGE)
+
+
+def _sampling_parts(
+    study: BuiltStudy, posterior: Posterior, under: Sequence[Posterior], each: float, batch: int
+) -> Iterator[Part]:
+    """The parts that lead to draws of the posterior."""
     if study.has_surrogate:
         yield from _through_a_surrogate(study, _rounds_of(study)[0])
-    elif study.posterior.costs_runs:
-        evaluations = study.sampler.evaluations(study.posterior.dimension)
+    elif posterior.costs_runs:
+        evaluations = study.sampler.evaluations(posterior.dimension)
         yield Part("Sampling", evaluations * each, evaluations, batch)
     else:
         yield from _choice(under)
         yield from _searches(study)
-        yield replace(_sampling(study.posterior, study.sampler), batch=batch)
-    if study.fragility is not None:
-        planned = study.fragility
-        of_each = planned.training + planned.checks if planned.surrogate else planned.draws
-        again = of_each * len(planned.records) * len(planned.levels)
-        yield Part("Records of rising strength", again * each, again, batch)
-    yield from _other_records(study, each)
-    yield Part("Predictions, figures and page", PAGE)
+        yield replace(_sampling(posterior, study.sampler), batch=batch)
 
 
 def _clock_is_inferred(study: BuiltStudy) -> bool:

@@ -1,4 +1,4 @@
-"""The folder of a study: its layout, its identity, and copies of the study's input files."""
+"""The folder of a study: its identity, and copies of its input files."""
 
 from __future__ import annotations
 
@@ -13,55 +13,17 @@ from typing import Any
 from structid.campaign.store import CALIBRATION_FINISHED, CALIBRATION_FOLDER, CAMPAIGN_RUNS
 from structid.core.errors import InputError, StoreMismatchError, undamaged
 from structid.core.journal import compare_identity, differences, write_then_rename
+from structid.study.build_study import build
 from structid.study.building.built_study import BuiltStudy
-from structid.study.building.study import build
-from structid.study.schema.study_file import StudyFile, parse_study, study_text
-
-IDENTITY = "identity.json"
-"""Everything on which a study depends, and the location of its inputs."""
-
-STUDY = "study.toml"
-"""The study file."""
-
-INPUTS = "inputs"
-"""Copies of the input files."""
-
-TIMINGS = "timings.json"
-"""Duration of every stage."""
-
-FIGURES = "figures"
-"""Figures of the page."""
-
-POSTERIOR = "posterior.nc"
-"""Draws and predictions in the ArviZ schema."""
-
-CHAINS = "chains.h5"
-"""Draws of a sampling without calibration."""
-
-CHAINS_WITHOUT_HIDDEN = "chains_without_hidden.h5"
-"""Draws under an error model without latent variables, where those could not be sampled reliably."""
-
-LAWS = "laws"
-"""Draws under each error model of a choice."""
-
-SURROGATE = "surrogate.h5"
-"""The fitted surrogate."""
-
-VALIDATION = "validation.h5"
-"""Model runs that validate it."""
-
-PARAMETER_RUNS = "parameter_study.h5"
-"""Runs over the priors."""
-
-FRAGILITY = "fragility.journal"
-"""Passages for every record at every level."""
-
-SCRATCH = "scratch"
-"""Files of model runs."""
+from structid.study.folder_layout import CHAINS, IDENTITY, INPUTS, STUDY
+from structid.study.schema.study_file import StudyFile, study_text
+from structid.study.stages import stage_list
+from structid.study.study_reader import parse_study, stands_alone
 
 
 def _has_runs(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in (CAMPAIGN_RUNS, PARAMETER_RUNS))
+    stores = [stage.table.store for stage in stage_list.STAGES if stage.table is not None]
+    return any((folder / name).is_file() for name in (CAMPAIGN_RUNS, *stores))
 
 
 def has_draws(folder: Path) -> bool:
@@ -84,16 +46,15 @@ def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
     return _with_kept_inputs(folder, identity_of_study["inputs"]), identity_of_study
 
 
-def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
+def rebuilt(folder: Path, file: StudyFile, identity: dict[str, Any]) -> BuiltStudy:
     """Rebuild the study that was sampled in a folder."""
-    of_runs_alone = file.parameter_study is not None and not file.observation
-    if not (has_draws(folder) or of_runs_alone):
+    if not (has_draws(folder) or (stands_alone(file) and not file.observation)):
         raise InputError(
             f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )  # fmt: skip
-    study = build(file, folder / INPUTS, Path(told["folder"]))
-    compare_identity(folder, told["study"], study.identity)
+    study = build(file, folder / INPUTS, Path(identity["folder"]))
+    compare_identity(folder, identity["study"], study.identity)
     return study
 
 

@@ -15,7 +15,7 @@ def report(
     folder: Annotated[Path, typer.Argument(help="A folder that structid run or structid hybrid has filled.")],
 ) -> None:
     """Write the report again from stored results."""
-    from structid.study.folder import STUDY
+    from structid.study.folder_layout import STUDY
     from structid.study.programmes.programme_file import is_programme
     from structid.study.programmes.run_programme import programme_report_again
     from structid.study.run import report_again

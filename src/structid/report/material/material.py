@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.campaign.runs import Runs
+from structid.core.by_type import ByType
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.inference.diagnostics.identifiability import Identifiability, identifiability
@@ -21,8 +22,6 @@ from structid.inference.sampling_result import SamplingResult
 from structid.models.base import Model
 from structid.models.hysteretic.loop_lines import LoopLines
 from structid.observation import Observation
-from structid.optimize.minima import OptimizeResult
-from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
 from structid.surrogates.base import Surrogate
 
@@ -33,31 +32,45 @@ class RunsMaterial:
 
     title: str  # title
     settings: str  # text of the study file
-    runs: Runs | None  # model runs
-    surrogate: Surrogate | None  # surrogate fitted to them
-    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)  # results of runs over the priors
+    results: ByType  # results of its stages, by type
+
+    @property
+    def runs(self) -> Runs | None:
+        """The runs of the campaign, or those over the priors."""
+        runs, study = self.results.get(Runs), self.results.get(ParameterStudy)
+        return study.runs if runs is None and study is not None else runs
 
 
 @dataclass(frozen=True, eq=False)
 class PosteriorMaterial(RunsMaterial):
     """Data of a calibration."""
 
-    result: SamplingResult  # result of sampling a `Posterior`
     # The posterior under the model itself, for channels and records that a surrogate does not know
     true_posterior: Posterior
-    searches: dict[str, OptimizeResult]  # deterministic calibrations by method
     raw_record: GroundMotion  # first record before processing
     record: GroundMotion  # first record after processing
     truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
     true_values: dict[str, float]  # true parameters in SI
     other_records: tuple[GroundMotion, ...]  # records to predict
     prediction_draws: int  # number of draws of the bands
-    calibration: CalibrationResult | None = None  # certificate and rounds
     left_to_the_data: bool = False  # whether the study lets the data choose the error model
-    law_choice: ErrorModelChoice | None = None  # the choice
-    fragility: Fragility | None = None  # probability of a passage, given the data
     predicted_channels: tuple[str, ...] = ()  # channels predicted for other records; empty for the measured ones
     loop: LoopLines | None = None  # lines through a measured loop, for priors
+
+    @property
+    def runs(self) -> Runs | None:
+        """The runs to which a surrogate was fitted."""
+        return self.results.get(Runs)
+
+    @property
+    def result(self) -> SamplingResult:
+        """The draws of the posterior, and their verdict."""
+        return self.results[SamplingResult]
+
+    @property
+    def calibration(self) -> CalibrationResult | None:
+        """The certified calibration, if the study has one."""
+        return self.results.get(CalibrationResult)
 
     @property
     def posterior(self) -> Posterior:
@@ -119,6 +132,19 @@ class PosteriorMaterial(RunsMaterial):
     def completed(self, theta: Float[np.ndarray, " model_parameter"]) -> Float[np.ndarray, " parameter"]:
         """Add nuisances and error-model parameters of the MAP estimate to model parameters."""
         return np.concatenate([theta, self.best[len(theta) :]])
+
+
+def calibration_results(calibration: CalibrationResult) -> ByType:
+    """The results of a certified calibration, by type."""
+    return ByType(
+        {
+            CalibrationResult: calibration,
+            Runs: calibration.runs,
+            Surrogate: calibration.surrogate,
+            ErrorModelChoice: calibration.error_model_choice,
+            SamplingResult: calibration.sampling,
+        }
+    )
 
 
 def simulated_loops(

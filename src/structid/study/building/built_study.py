@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.calibration.plan import Plan
+from structid.core.by_type import ByType
 from structid.core.errors import InputError, suggestion
 from structid.core.hashing import digest
 from structid.core.units import to_si
@@ -18,9 +19,7 @@ from structid.models.base import Model
 from structid.models.hysteretic.loop_lines import LoopLines
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.study.building.fragilities import PlannedFragility
 from structid.study.building.named_kind import kind_named
-from structid.study.building.parameter_studies import PlannedParameterStudy
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates import surrogate_list as registry
 from structid.surrogates.surrogate_kind import SurrogateKind
@@ -44,9 +43,8 @@ class BuiltStudy:
     truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
     other_records: tuple[GroundMotion, ...]  # records to predict
     plan: Plan | None  # budget of a certified calibration, if there is one
-    parameter_study: PlannedParameterStudy | None = None  # runs over the priors, if there are any
-    fragility: PlannedFragility | None = None  # records of increasing strength, if the study asks for a fragility
     loop: LoopLines | None = None  # lines through a measured loop, for priors
+    plans: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with a table of its own
 
     @property
     def content_hash(self) -> str:
@@ -73,9 +71,7 @@ class BuiltStudy:
             parts["surrogate"] = digest(settings_of_surrogate)
         if self.plan is not None:
             parts["calibration"] = digest(self.plan.describe())
-        if self.parameter_study is not None:
-            parts["parameter study"] = digest(self.parameter_study.design.values)
-        return parts
+        return parts | {name: digest(value) for plan in self.plans for name, value in plan.identity.items()}
 
     def working_in(self, folder: Path) -> BuiltStudy:
         """Return the study with a folder for the files of its model's runs."""

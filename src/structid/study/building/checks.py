@@ -24,13 +24,6 @@ EXACT = 1e-9
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
     """Refuse what sampler, searches and surrogate would refuse, before a folder is created."""
-    if study.posterior is None and study.campaign is None and study.parameter_study is None:
-        raise InputError(
-            "the file",
-            "neither an [observation] nor a [campaign] nor a [parameter_study]",
-            "one of them, or several",
-            "Say what to calibrate, or what to run.",
-        )
     check_tables(study.file)
     if study.sampler.exact and not study.has_surrogate:
         raise InputError(

@@ -15,7 +15,7 @@ from structid.hybrid.programme import ProgrammeResult, store_of
 from structid.hybrid.recording.result_file import open_hybrid
 from structid.report.material.programme_material import Learnt, ProgrammeMaterial
 from structid.report.page import write_programme_report
-from structid.study.folder import INPUTS, POSTERIOR, STUDY, TIMINGS
+from structid.study.folder_layout import INPUTS, POSTERIOR, STUDY, TIMINGS
 from structid.study.programmes.learnt_of_tests import learnt_of
 from structid.study.programmes.planned_programme import PlannedProgramme, planned
 from structid.study.programmes.programme_file import read_programme

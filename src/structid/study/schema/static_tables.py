@@ -128,31 +128,6 @@ class CampaignSection(Section):
     records: tuple[RecordSection, ...] = ()
 
 
-class ParameterStudySection(Section):
-    """Runs over the priors: who passes which limits, and what peaks depend on; see `parameter_study`."""
-
-    runs: int = Field(ge=20, le=LARGEST_COUNT)
-    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "latin_hypercube"
-    seed: int | None = Field(default=None, ge=0)
-    channel: str
-    limits: Annotated[tuple[float | str, ...], Field(min_length=1)]
-    above: dict[str, float | str] = Field(default_factory=dict)
-    peaks: tuple[str, ...] = ()
-
-
-class FragilitySection(Section):
-    """The probability of a passage or a failure, given the data, for records of increasing strength; see `fragility`."""
-
-    channel: str
-    limit: float | str
-    pga: Annotated[tuple[MetresPerSecondSquared, ...], Field(min_length=1)]
-    records: Annotated[tuple[RecordSection, ...], Field(min_length=1)]
-    draws: int = Field(default=100, ge=10, le=LARGEST_COUNT)
-    surrogate: bool | None = None
-    training: int = Field(default=60, ge=10, le=LARGEST_COUNT)
-    checks: int = Field(default=30, ge=5, le=LARGEST_COUNT)
-
-
 class CalibrationSection(Section):
     """Model runs where the posterior is, until a certificate holds; see `calibrate`."""
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from structid.campaign.runner import Campaign
+from structid.campaign.runs import Runs
 from structid.campaign.store import CAMPAIGN_RUNS
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
 
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    study = findings.study
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    study = state.study
     assert study.campaign is not None
     campaign = Campaign(
         study.model, study.campaign_records, study.campaign, workplace.folder / CAMPAIGN_RUNS, assignment="cycle"
@@ -20,7 +19,7 @@ def _run(findings: Findings, workplace: Workplace) -> Findings:
         runs = campaign.run(
             workplace.executor, retry=workplace.retry, attempts=attempts, adopt=workplace.adopt, progress=progress
         )
-    return replace(findings, runs=runs)
+    return state.having(Runs, runs)
 
 
-STAGE = StudyStage(lambda found: found.study.campaign is not None, _run)
+STAGE = StudyStage(Runs, lambda state: state.study.campaign is not None, _run)

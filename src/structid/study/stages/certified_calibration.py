@@ -5,17 +5,19 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
+from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
 from structid.core.errors import UnlikeMeasuredWarning
 from structid.inference.error_model_choice import AUTO
+from structid.report.material.material import calibration_results
 from structid.study.building.surrogates import surrogate_settings
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
 from structid.study.timings import StagesAsTold
 
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    study, posterior = findings.study, findings.study.sampled
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    study, posterior, true_posterior = state.study, state.study.sampled, state.true_posterior
     with StagesAsTold(workplace.stage, workplace.timings) as report, warnings.catch_warnings():
         if study.model.batched:
             warnings.simplefilter("ignore", UnlikeMeasuredWarning)  # asked before the study ran; see `plausibility`
@@ -37,18 +39,11 @@ def _run(findings: Findings, workplace: Workplace) -> Findings:
         study = replace(study, posterior=calibration.posterior.on(calibration.surrogate))
     else:
         study = replace(study, posterior=calibration.posterior)
+    if true_posterior is not None:
+        true_posterior = true_posterior.on(error_model=calibration.posterior.error_model)
     return replace(
-        findings,
-        study=study,
-        runs=calibration.runs,
-        surrogate=calibration.surrogate,
-        calibration=calibration,
-        law_choice=calibration.law_choice,
-        true_posterior=None
-        if findings.true_posterior is None
-        else findings.true_posterior.on(error_model=calibration.posterior.error_model),
-        result=calibration.sampling,
+        state, study=study, true_posterior=true_posterior, results=state.results | calibration_results(calibration)
     )
 
 
-STAGE = StudyStage(lambda found: found.study.plan is not None, _run)
+STAGE = StudyStage(CalibrationResult, lambda state: state.study.plan is not None, _run)

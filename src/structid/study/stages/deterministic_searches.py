@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ import numpy as np
 from structid.core.journal import write_then_rename
 from structid.inference.likelihood.posterior import Posterior
 from structid.optimize.interior_point import interior_point
-from structid.optimize.minima import Minimum, OptimizeResult
+from structid.optimize.minima import Minimum, OptimizeResult, Searches
 from structid.optimize.pattern_search import pattern_search
 from structid.study.building.built_study import BuiltStudy
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
 
 SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "pattern_search": pattern_search,
@@ -25,13 +24,10 @@ SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
 """Methods by name."""
 
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    return replace(
-        findings,
-        searches={
-            name.replace("_", " "): _search(name, findings.study, workplace) for name in findings.study.search_methods
-        },
-    )
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    study = state.study
+    found = {name.replace("_", " "): _search(name, study, workplace) for name in study.search_methods}
+    return state.having(Searches, Searches(found))
 
 
 def _search(method: str, study: BuiltStudy, workplace: Workplace) -> OptimizeResult:
@@ -101,4 +97,4 @@ def _read_search(path: Path, posterior: Posterior) -> OptimizeResult:
     )
 
 
-STAGE = StudyStage(lambda found: found.study.posterior is not None, _run)
+STAGE = StudyStage(Searches, lambda state: state.study.posterior is not None, _run)

@@ -11,8 +11,11 @@ from structid.inference.sampling.base import Sampler
 from structid.inference.sampling.smc.smc import SMC
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.samplers import build_sampler
-from structid.study.folder import LAWS
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
+from structid.surrogates.base import Surrogate
+
+CHOICE = "laws"
+"""Folder of the draws under each error model of a choice."""
 
 WITH_HIDDEN_VALUES = SMC(
     particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2, scouts=0
@@ -23,33 +26,35 @@ FOR_CORRELATED_ERRORS = SMC(particles=500, steps=300)
 """Default sampler where errors are correlated: a variance with a heavy tail takes a hundred moves."""
 
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    study, true_posterior = findings.study, findings.true_posterior
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    study, true_posterior = state.study, state.true_posterior
     assert true_posterior is not None
     # Proposals are made, and the law is chosen, by the surrogate where there is one.
-    posterior = study.sampled if findings.surrogate is None else true_posterior.on(findings.surrogate)
+    surrogate = state.results.get(Surrogate)
+    posterior = study.sampled if surrogate is None else true_posterior.on(surrogate)
     if posterior.costs_runs:  # tens of thousands of runs of somebody's solver
-        return findings
+        return state
     what, seed = "choosing the error model", derived_seed(study.file.seed, Purpose.LAW_CHOICE)
     with workplace.stage(what) as progress, workplace.timings.measured(what):
-        choice = choose_among(posterior, seed=seed, progress=progress, store=workplace.folder / LAWS)
-    return with_error_model(findings, choice)
+        choice = choose_among(posterior, seed=seed, progress=progress, store=workplace.folder / CHOICE)
+    return with_error_model(state, choice)
 
 
-def with_error_model(findings: Findings, choice: ErrorModelChoice) -> Findings:
+def with_error_model(state: StudyState, choice: ErrorModelChoice) -> StudyState:
     """Adopt the chosen error model."""
-    study, error_model = findings.study, choice.posterior.error_model
-    assert findings.true_posterior is not None
+    study, error_model = state.study, choice.posterior.error_model
+    assert state.true_posterior is not None
     posterior = study.sampled.on(error_model=error_model)
     sampler = sampler_under(study, posterior)
     named = "sampler" in study.file.model_fields_set
     another = sampler is WITH_HIDDEN_VALUES and named and _too_few(build_sampler(study.file.sampler), posterior)
-    return replace(
-        findings,
-        law_choice=replace(choice, remark=_remark(study, posterior) if another else ""),
-        true_posterior=findings.true_posterior.on(error_model=error_model),
+    state = replace(
+        state,
+        true_posterior=state.true_posterior.on(error_model=error_model),
         study=replace(study, posterior=posterior, sampler=sampler),
     )
+    remark = _remark(study, posterior) if another else ""
+    return state.having(ErrorModelChoice, replace(choice, remark=remark))
 
 
 def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
@@ -75,7 +80,9 @@ def _remark(study: BuiltStudy, posterior: Posterior) -> str:
     )
 
 
-STAGE = StudyStage(
-    lambda found: found.study.posterior is not None and found.study.error_model_is_open and found.study.plan is None,
-    _run,
-)
+def _wanted(state: StudyState) -> bool:
+    study = state.study
+    return study.posterior is not None and study.error_model_is_open and study.plan is None
+
+
+STAGE = StudyStage(ErrorModelChoice, _wanted, _run)

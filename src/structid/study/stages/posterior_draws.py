@@ -4,28 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.sample import sample
 from structid.inference.sampling_result import SamplingResult
-from structid.study.folder import CHAINS, CHAINS_WITHOUT_HIDDEN
+from structid.study.folder_layout import CHAINS
 from structid.study.stages.error_model_stage import with_error_model
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
+
+CHAINS_WITHOUT_HIDDEN = "chains_without_hidden.h5"
+"""Draws under an error model without latent variables, where those could not be sampled reliably."""
 
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    result, choice = _drawn(findings, workplace, CHAINS), findings.law_choice
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    result, choice = _drawn(state, workplace, CHAINS), state.results.get(ErrorModelChoice)
     seconds = result.seconds
     if choice is not None and choice.posterior.error_model.inside and not result.verdict().converged:
-        findings = with_error_model(findings, replace(choice, added_only=True))
-        result = _drawn(findings, workplace, CHAINS_WITHOUT_HIDDEN)
+        state = with_error_model(state, replace(choice, added_only=True))
+        result = _drawn(state, workplace, CHAINS_WITHOUT_HIDDEN)
         seconds += result.seconds
     workplace.timings.put("sampling", seconds)
-    return replace(findings, result=result)
+    return state.having(SamplingResult, result)
 
 
-def _drawn(findings: Findings, workplace: Workplace, store: str) -> SamplingResult:
-    study = findings.study
+def _drawn(state: StudyState, workplace: Workplace, store: str) -> SamplingResult:
+    study = state.study
     with workplace.stage("sampling") as progress, workplace.timings.measured("sampling"):
         return sample(study.sampled, study.sampler, study.file.seed, workplace.folder / store, progress=progress)
 
 
-STAGE = StudyStage(lambda found: found.study.posterior is not None and found.result is None, _run)
+STAGE = StudyStage(
+    SamplingResult,
+    lambda state: state.study.posterior is not None and SamplingResult not in state.results,
+    _run,
+)

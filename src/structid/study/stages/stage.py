@@ -1,26 +1,24 @@
-"""A stage of a study: it takes the findings of earlier stages and adds its own."""
+"""A stage of a study: it takes the results of earlier stages and adds its own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
-from structid.calibration.calibration_result import CalibrationResult
-from structid.campaign.runs import Runs
-from structid.inference.error_model_choice import ErrorModelChoice
+from structid.core.by_type import ByType
+from structid.core.keys import Section
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
-from structid.optimize.minima import OptimizeResult
-from structid.reliability.fragility import Fragility
-from structid.reliability.parameter_study import ParameterStudy
-from structid.report.material.material import PosteriorMaterial
 from structid.study.building.built_study import BuiltStudy
-from structid.study.folder import STUDY, TIMINGS
+from structid.study.building.planned_stage import PlannedStage
+from structid.study.folder_layout import STUDY, TIMINGS
+from structid.study.schema.static_tables import RecordSection
 from structid.study.timings import Stage, Timings
-from structid.surrogates.base import Surrogate
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +44,38 @@ class Workplace:
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
-    """Findings of a study's stages so far."""
+class StudyState:
+    """A study between two stages."""
 
     study: BuiltStudy  # the study, with the posterior and the sampler in use
     true_posterior: Posterior | None = None  # the posterior under the model itself
-    runs: Runs | None = None  # model runs
-    surrogate: Surrogate | None = None  # the validated or certified surrogate
-    calibration: CalibrationResult | None = None  # certificate and rounds
-    searches: dict[str, OptimizeResult] = field(default_factory=dict)  # deterministic calibrations by method
-    law_choice: ErrorModelChoice | None = None  # error model chosen by the data
-    result: SamplingResult | None = None  # draws and verdict
-    parameter_study: ParameterStudy | None = None  # results of runs over the priors
-    fragility: Fragility | None = None  # probability of a passage, given the data
-    material: PosteriorMaterial | None = None  # everything for the page, with its simulations
+    results: ByType = ByType()  # noqa: RUF009 (never changed)  # results of the stages so far
+
+    def having(self, kind: type[T], result: T | None) -> StudyState:
+        """Return the state with a further result."""
+        return replace(self, results=self.results.having(kind, result))
+
+
+class StageTable(Section):
+    """Keys of a table of the study file that asks for a stage."""
+
+    word: ClassVar[str]  # name of the table
+    store: ClassVar[str]  # file of the stage's work in the study's folder
+    needs_draws: ClassVar[bool] = False  # whether it starts from draws of the posterior, and so from a measurement
+
+    @property
+    def records_to_read(self) -> tuple[RecordSection, ...]:
+        """Further records of the table, under its key ``records``."""
+        return ()
+
+    @property
+    def channels_to_record(self) -> tuple[str, ...]:
+        """Channels of the model, where nothing is measured."""
+        return ()
+
+    def planned(self, study: BuiltStudy) -> PlannedStage:
+        """Return the settings in SI; raise `InputError` where they do not fit the study."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -68,11 +84,31 @@ class StudyStage:
 
     Parameters
     ----------
+    result : type
+        What it adds to the results; sections of the report and later stages find it by this type.
     wanted : callable
-        Whether the study asks for it, by what has been found.
+        Whether the study asks for it, given the state before it.
     run : callable
-        Does it, or reads back what was done, and returns the findings with its own added.
+        Does the work, or reads back what was done, and returns the state with its result.
+    table : type of StageTable, optional
+        Its own table of the study file.
     """
 
-    wanted: Callable[[Findings], bool]
-    run: Callable[[Findings, Workplace], Findings]
+    result: type
+    wanted: Callable[[StudyState], bool]
+    run: Callable[[StudyState, Workplace], StudyState]
+    table: type[StageTable] | None = None
+
+
+def stage_of_table(
+    result: type,
+    table: type[StageTable],
+    planned: type[PlannedStage],
+    run: Callable[[StudyState, Workplace], StudyState],
+) -> StudyStage:
+    """A stage that runs where the study file has its table."""
+
+    def wanted(state: StudyState) -> bool:
+        return planned in state.study.plans and (not table.needs_draws or SamplingResult in state.results)
+
+    return StudyStage(result, wanted, run, table)

@@ -25,7 +25,7 @@ STAGES: tuple[StudyStage, ...] = (
     posterior_draws.STAGE,
     fragility_runs.STAGE,
 )
-"""Stages that produce findings."""
+"""Stages that produce state."""
 
 PAGE_STAGE = report_page.STAGE
 """The stage that shows them."""

@@ -5,28 +5,31 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structid.campaign.runner import Campaign
+from structid.campaign.runs import Runs
 from structid.core.errors import InputError
 from structid.core.streams import Purpose, derived_seed
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import fitted_surrogate
-from structid.study.folder import SURROGATE, VALIDATION
+from structid.study.folder_layout import SURROGATE
 from structid.study.stages.report_page import write_runs_page
-from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.stages.stage import StudyStage, StudyState, Workplace
 from structid.surrogates.base import Surrogate
 
+VALIDATION = "validation.h5"
+"""Model runs that validate the surrogate."""
 
-def _run(findings: Findings, workplace: Workplace) -> Findings:
-    study = findings.study
-    assert findings.runs is not None
+
+def _run(state: StudyState, workplace: Workplace) -> StudyState:
+    study, runs = state.study, state.results[Runs]
     with (
         workplace.stage("fitting the surrogate") as progress,
         workplace.timings.measured("fitting the surrogate", once=True),
     ):
-        surrogate = fitted_surrogate(study.file.surrogate, findings.runs, workplace.folder / SURROGATE, progress)
+        surrogate = fitted_surrogate(study.file.surrogate, runs, workplace.folder / SURROGATE, progress)
     if surrogate.validation is None:
         _validate(surrogate, study, workplace)
         surrogate.save(workplace.folder / SURROGATE)
-    return _in_its_place(replace(findings, surrogate=surrogate), surrogate, workplace)
+    return _in_its_place(state.having(Surrogate, surrogate), surrogate, workplace)
 
 
 def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> None:
@@ -43,18 +46,18 @@ def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> 
         surrogate.validate(unseen, progress)
 
 
-def _in_its_place(findings: Findings, surrogate: Surrogate, workplace: Workplace) -> Findings:
+def _in_its_place(state: StudyState, surrogate: Surrogate, workplace: Workplace) -> StudyState:
     """The study that samples the surrogate, or uses it for proposals."""
-    study = findings.study
+    study = state.study
     if study.posterior is None:
-        return findings
+        return state
     if study.sampler.exact:
-        return replace(findings, study=replace(study, sampler=study.sampler.proposing_by(surrogate)))
+        return replace(state, study=replace(study, sampler=study.sampler.proposing_by(surrogate)))
     try:
-        return replace(findings, study=replace(study, posterior=study.posterior.on(surrogate)))
+        return replace(state, study=replace(study, posterior=study.posterior.on(surrogate)))
     except InputError:
-        write_runs_page(findings, workplace)  # so that its validation can be looked at
+        write_runs_page(state, workplace)  # so that its validation can be looked at
         raise
 
 
-STAGE = StudyStage(lambda found: found.study.has_surrogate and found.study.plan is None, _run)
+STAGE = StudyStage(Surrogate, lambda state: state.study.has_surrogate and state.study.plan is None, _run)

@@ -9,7 +9,7 @@ import numpy as np
 from structid.core.units import factor, label
 from structid.figures import loops as figures
 from structid.figures.style import pretty, pretty_unit
-from structid.optimize.minima import OptimizeResult
+from structid.optimize.minima import OptimizeResult, Searches
 from structid.report.material.material import PosteriorMaterial, simulated_loops
 from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Table
 from structid.report.tables import percent
@@ -17,6 +17,10 @@ from structid.report.tables import percent
 FURTHER, NOTICED = 2.0, 0.02
 """Ratio of the MAP's residual to that of least squares, and residual fraction of the variance, above which the page explains
 the difference."""
+
+
+def _searches(material: PosteriorMaterial) -> Searches:
+    return material.results.get(Searches) or Searches()
 
 
 def _at_zero(value: float) -> str:
@@ -30,7 +34,7 @@ def _minima(material: PosteriorMaterial) -> Rows:
     factors, units = material.posterior.model_space.factors, material.posterior.model_space.units
     heads = ["method", *(label(pretty(n), pretty_unit(units[n])) for n in names), "unexplained", "starts", "at a bound"]
     rows = []
-    for method, search in material.searches.items():
+    for method, search in _searches(material).items():
         for minimum in search.minima[:4]:
             rows.append(
                 [
@@ -61,9 +65,9 @@ def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
 
 def _words(material: PosteriorMaterial) -> list[str]:
     """Why the MAP may fit worse than least squares."""
-    if not material.searches:
+    if not _searches(material):
         return []
-    least = min(search.best.value / search.scale for search in material.searches.values())
+    least = min(search.best.value / search.scale for search in _searches(material).values())
     of_map, _ = _unexplained(material)
     if of_map < max(FURTHER * least, NOTICED):
         return []
@@ -76,12 +80,12 @@ def _words(material: PosteriorMaterial) -> list[str]:
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
-    return [Table("Minima", _minima(material))] if material.searches else []
+    return [Table("Minima", _minima(material))] if _searches(material) else []
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     loops_are_known = bool(material.true_posterior.model.loop_channels)
-    return [functools.partial(_identified, material)] if material.searches and loops_are_known else []
+    return [functools.partial(_identified, material)] if _searches(material) and loops_are_known else []
 
 
 def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarray, np.ndarray]:
@@ -101,14 +105,14 @@ def _identified(material: PosteriorMaterial) -> Picture:
     truth = material.true_loops[0].get(spring)
     predictions = {
         name: material.posterior.predict(material.completed(s.best.theta)[None])[0, :, 0] / factor(unit)
-        for name, s in material.searches.items()
+        for name, s in _searches(material).items()
     }
     figure = figures.identified(
         observation.record.time,
         observation.values[:, 0] / factor(unit),
         predictions,
         None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
-        {name: _loop(material, search) for name, search in material.searches.items()},
+        {name: _loop(material, search) for name, search in _searches(material).items()},
         channel,
         unit,
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from structid.inference.error_model_choice import ErrorModelChoice
 from structid.report.material.material import PosteriorMaterial
 from structid.report.section import Section, Table, nothing
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
-    choice, drift = material.law_choice, material.result.drift
+    choice, drift = material.results.get(ErrorModelChoice), material.result.drift
     sentences = []
     if choice is not None:
         sentences.append(choice.sentence)
@@ -18,14 +19,14 @@ def _words(material: PosteriorMaterial) -> list[str]:
         )
     else:
         sentences.append(f"The error model: {material.posterior.error_model.describe()['kind'].replace('_', ' ')}.")
-    told_already = choice is not None and choice.posterior.error_model.inside
-    if drift is not None and drift.found and not told_already:
+    drift_is_in_the_choice = choice is not None and choice.posterior.error_model.inside
+    if drift is not None and drift.found and not drift_is_in_the_choice:
         sentences.append(drift.sentence(material.result.mean))
     return sentences
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
-    choice = material.law_choice
+    choice = material.results.get(ErrorModelChoice)
     if choice is None:
         return []
     best = max(e.value for e in choice.evidences if e.value == e.value)

@@ -18,7 +18,7 @@ def _limit(fragility: Fragility) -> str:
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
-    result = material.fragility
+    result = material.results.get(Fragility)
     if result is None:
         return []
     low, high = result.band()
@@ -38,7 +38,7 @@ MOST_RECORDS = 4
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
-    result = material.fragility
+    result = material.results.get(Fragility)
     if result is None:
         return []
     count = len(result.records)
@@ -60,7 +60,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
-    return [] if material.fragility is None else [functools.partial(_drawn, material.fragility)]
+    return [] if (result := material.results.get(Fragility)) is None else [functools.partial(_drawn, result)]
 
 
 def _drawn(fragility: Fragility) -> Picture:

@@ -102,7 +102,7 @@ def _indices(study: ParameterStudy) -> Rows:
 
 
 def _tables(material: RunsMaterial) -> list[Table]:
-    study = material.parameter_study
+    study = material.results.get(ParameterStudy)
     if study is None:
         return []
     tables = [
@@ -119,7 +119,7 @@ def _tables(material: RunsMaterial) -> list[Table]:
 
 
 def _words(material: RunsMaterial) -> list[str]:
-    study = material.parameter_study
+    study = material.results.get(ParameterStudy)
     if study is None:
         return []
     runs = study.runs
@@ -157,7 +157,7 @@ def _early(fell: int, ended: int) -> str:
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:
-    study = material.parameter_study
+    study = material.results.get(ParameterStudy)
     if study is None:
         return []
     result: list[Drawing] = [functools.partial(_distributions, study)]

@@ -62,7 +62,7 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
 
 
 def _tables(material: RunsMaterial) -> list[Table]:
-    surrogate = material.surrogate
+    surrogate = material.results.get(Surrogate)
     if surrogate is None:
         return []
     validation = [] if surrogate.validation is None else [Table("Validation", _validation(surrogate))]
@@ -70,7 +70,8 @@ def _tables(material: RunsMaterial) -> list[Table]:
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:
-    validation = None if material.surrogate is None else material.surrogate.validation
+    surrogate = material.results.get(Surrogate)
+    validation = None if surrogate is None else surrogate.validation
     return [] if validation is None else [functools.partial(_channel, validation, c) for c in validation.channels]
 
 

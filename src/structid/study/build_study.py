@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from structid.core.by_type import ByType
 from structid.core.channels import standard_unit
 from structid.core.errors import InputError, StructidWarning, within
 from structid.ground_motion.record import GroundMotion
@@ -20,17 +22,17 @@ from structid.probability.space import ParameterSpace
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.campaigns import build_campaign
 from structid.study.building.checks import check_before_anything_is_written, check_tables
-from structid.study.building.fragilities import planned_fragility
 from structid.study.building.loops import build_loop
 from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy, build_observation
-from structid.study.building.parameter_studies import planned_parameter_study
 from structid.study.building.priors import parameter_prior, parameter_space
 from structid.study.building.records import load_record, processed, read_record
 from structid.study.building.samplers import build_plan, build_sampler
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.schema.problems import StudyErrors
 from structid.study.schema.study_file import StudyFile
+from structid.study.stages import stage_list
+from structid.study.study_reader import stage_tables, stands_alone
 
 
 def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> BuiltStudy:
@@ -53,11 +55,11 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
             f"observation.{i}.record": o.record for i, o in enumerate(file.observation, start=1) if o.record is not None
         },
         **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records, start=1)},
-        **(
-            {}
-            if file.fragility is None
-            else {f"fragility.records.{i}": r for i, r in enumerate(file.fragility.records, start=1)}
-        ),
+        **{
+            f"{table.word}.records.{i}": r
+            for table in stage_tables(file)
+            for i, r in enumerate(table.records_to_read, start=1)
+        },
     }
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
     measured = [index for index, section in enumerate(file.observation) if section.file is not None]
@@ -74,6 +76,7 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
         partial(build_sampler, file.sampler),
         partial(build_plan, file.calibration),
         partial(check_tables, file),
+        partial(_check_stage_tables, file),
         lambda: build_model(
             file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
         ),
@@ -119,6 +122,7 @@ def _observed(
 
 
 def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltStudy:
+    _check_stage_tables(file)
     raw = read_record(file.record, folder, "record")
     record = processed(raw, file.record, "record")
     if file.record.trim is not None:
@@ -128,7 +132,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     predicted = file.campaign.channels if file.campaign is not None else ()
     channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *predicted)))
     if not channels:
-        channels = ("velocity",) if file.parameter_study is None else (file.parameter_study.channel,)
+        channels = next((t.channels_to_record for t in stage_tables(file) if t.channels_to_record), ("velocity",))
     model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     observations, truths = [], []
     for index in range(len(file.observation)):
@@ -153,8 +157,40 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     if plan is not None and posterior is not None and file.surrogate.kind != "none":
         plan = plan.sized(posterior, surrogate_settings(file.surrogate))
     study = BuiltStudy(
-        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan,
-        planned_parameter_study(file, space, model), planned_fragility(file, folder, model), loop,
+        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan, loop,
     )  # fmt: skip
+    study = replace(study, plans=_planned(study))
+    _check_something_is_asked(study)
     check_before_anything_is_written(study)
     return study
+
+
+def _planned(study: BuiltStudy) -> ByType:
+    """The settings of every stage that has a table in the file."""
+    plans = ByType()
+    for table in stage_tables(study.file):
+        planned = table.planned(study)
+        plans = plans.having(type(planned), planned)
+    return plans
+
+
+def _check_stage_tables(file: StudyFile) -> None:
+    """Refuse a stage that needs draws of the posterior where nothing is measured."""
+    for table in stage_tables(file):
+        if table.needs_draws and not file.observation:
+            raise InputError(
+                f"table '{table.word}'", "no [observation]", "a measurement, which gives the draws that it starts from"
+            )
+
+
+def _check_something_is_asked(study: BuiltStudy) -> None:
+    if study.posterior is not None or study.campaign is not None or stands_alone(study.file):
+        return
+    alone = [stage.table.word for stage in stage_list.STAGES if stage.table is not None and not stage.table.needs_draws]
+    *most, last = (f"a [{word}]" for word in ("campaign", *alone))
+    raise InputError(
+        "the file",
+        f"neither an [observation] nor {', '.join(most)} nor {last}",
+        "one of them, or several",
+        "Say what to calibrate, or what to run.",
+    )
