@@ -130,7 +130,11 @@ def public_methods(name: str, thing: object) -> dict[str, FunctionType]:
     if not inspect.isclass(thing):
         return {}
     functions = {n: getattr(method, "__func__", method) for n, method in vars(thing).items() if not n.startswith("_")}
-    return {f"{name}.{n}": method for n, method in functions.items() if inspect.isfunction(method)}
+    return {
+        f"{name}.{n}": method
+        for n, method in functions.items()
+        if inspect.isfunction(method) and "." in method.__qualname__  # not a function that is the default of a field
+    }
 
 
 def documented_parameters(doc: str) -> list[str] | None:
@@ -175,19 +179,38 @@ def docstrings_agree_with_signatures() -> Iterator[str]:
             yield f"{name}: describes {', '.join(extra)}, which it does not have"
 
 
+EXTENDED = (
+    *("models.base.Model", "models.traceable.TraceableModel", "models.model_kind.ModelKind"),
+    *("surrogates.base.Surrogate", "surrogates.surrogate_kind.SurrogateKind"),
+    *("inference.error_models.base.ErrorModel", "inference.error_models.base.Discrepancy"),
+    *("inference.error_models.error_model_kind.ErrorModelKind", "inference.sampling.base.Sampler"),
+    *("inference.sampling.sampler_list.SamplerKind", "report.section.Section", "study.stages.stage.StudyStage"),
+)
+"""What a user extends, besides the public names."""
+
+
 def public_names_are_documented() -> Iterator[str]:
-    """What the package's root exports describes all of its arguments."""
+    """Public names, and what a user extends, describe all their arguments; an override says only what differs."""
     import structid
 
-    for name in structid._PUBLIC:
-        thing = getattr(structid, name)
+    things = {f"structid.{name}": getattr(structid, name) for name in structid._PUBLIC}
+    for name in EXTENDED:
+        module, _, last = name.rpartition(".")
+        things[f"structid.{name}"] = getattr(importlib.import_module(f"structid.{module}"), last)
+    for name, thing in things.items():
         if not (inspect.isclass(thing) or inspect.isfunction(thing)):
             continue
-        members = {f"structid.{name}": thing, **public_methods(f"structid.{name}", thing)}
-        for member, value in members.items():
+        for member, value in {name: thing, **public_methods(name, thing)}.items():
             expected = parameters_of(member, value)
-            if expected and documented_parameters(inspect.getdoc(value) or "") is None:
+            described = documented_parameters(inspect.getdoc(value) or "") is not None
+            if expected and not described and not is_override(thing, value):
                 yield f"{member}: describes none of its arguments ({', '.join(expected)})"
+
+
+def is_override(owner: object, method: object) -> bool:
+    """Whether a base class of the package has a method of this name, whose docstring describes the arguments."""
+    bases = owner.__mro__[1:] if inspect.isclass(owner) and owner is not method else ()
+    return any(method.__name__ in vars(base) for base in bases if base.__module__.startswith("structid"))
 
 
 def modules_say_what_they_are_for() -> Iterator[str]:

@@ -19,6 +19,9 @@ def total(
 ) -> Float[np.ndarray, " run"]:
     return values.sum(axis=1) if weights is None or weights[0] < 9.0 else values
 
+def mean_and_rest(values: Float[np.ndarray, " run"]) -> tuple[float, Float[np.ndarray, " run"]]:
+    return float(values.mean()), values - values.mean() if values[0] < 9.0 else values[:1]
+
 @dataclasses.dataclass
 class Pair:
     first: Float[np.ndarray, " n"]
@@ -54,6 +57,12 @@ def test_what_agrees_passes(module):
 def test_what_does_not_is_refused(module, arguments, words):
     with pytest.raises(TypeError, match=words):
         module.total(*arguments)
+
+
+def test_each_part_of_a_tuple_is_compared(module):
+    assert module.mean_and_rest(np.ones(3))[0] == 1.0
+    with pytest.raises(TypeError, match="mean_and_rest, return: tuple"):
+        module.mean_and_rest(np.full(3, 9.0))
 
 
 def test_fields_of_different_sizes_are_refused(module):

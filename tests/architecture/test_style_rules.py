@@ -41,9 +41,12 @@ def wrong_package(tmp_path, monkeypatch):
     files = [file for room in ("one", "two", "study") for file in (tmp_path / room).glob("*.py")]
     trees = {file: ast.parse(file.read_text()) for file in files}
     for name, value in {
-        "SRC": tmp_path, "DOCS": tmp_path / "docs", "TESTS": tmp_path / "tests", "package_files": lambda: trees,
+        "SRC": tmp_path,
+        "DOCS": tmp_path / "docs",
+        "TESTS": tmp_path / "tests",
+        "package_files": lambda: trees,
         "pages": lambda: {tmp_path / "docs" / "page.md": (tmp_path / "docs" / "page.md").read_text()},
-    }.items():  # fmt: skip
+    }.items():
         monkeypatch.setattr(check_style, name, value)
 
 

@@ -10,7 +10,7 @@ SPACE = si.ParameterSpace(stiffness=si.Normal(7.4, 0.7, unit="kN/mm"), gamma_rat
 RECORD = si.GroundMotion.synthetic(seed=3, duration=6.0).scale_to_pga(1.8)
 OSCILLATOR = si.BoucWen(
     mass=12_000.0, damping_ratio=0.03, alpha=0.063, beta=60.0, free=("stiffness", "gamma_ratio"), substeps=2
-)  # fmt: skip
+)
 
 
 def response(parameters, record):

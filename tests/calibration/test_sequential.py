@@ -13,7 +13,7 @@ from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import _made_up as made_up_of
 from structid.calibration.next_runs import beyond_the_runs, far_apart, next_batch
 from structid.calibration.requested_limits import earlier_limits
-from structid.calibration.run_weights import EFFECTIVE_SHARE, LEAST, nearness
+from structid.calibration.run_weights import FITTED_SHARE, LEAST, nearness
 from structid.certification.limits import Limits
 from structid.core.errors import InputError, StoreMismatchError
 
@@ -373,7 +373,7 @@ def test_half_of_the_runs_count_however_steep_the_posterior_is(steepness):
     assert (np.diff(weights[:-1][np.argsort(log_density)]) >= 0).all()
     effective = weights.sum() ** 2 / np.sum(weights**2)
     if steepness > 1.0:
-        assert effective == pytest.approx(EFFECTIVE_SHARE * len(weights), rel=1e-6)
+        assert effective == pytest.approx(FITTED_SHARE * len(weights), rel=1e-6)
     else:  # draws of the posterior: it is not sharpened
         assert effective > 0.9 * len(weights)
 

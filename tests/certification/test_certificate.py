@@ -152,9 +152,14 @@ def long_tail(slope):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("weight", "least", "most"), [
-    (rough(0.03), 0.95, 1.0), (long_tail(0.026), 0.0, 0.05), (long_tail(0.04), 0.0, 0.05),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("weight", "least", "most"),
+    [
+        (rough(0.03), 0.95, 1.0),
+        (long_tail(0.026), 0.0, 0.05),
+        (long_tail(0.04), 0.0, 0.05),
+    ],
+)
 def test_sds_of_long_tails(weight, least, most):
     """Of c = 0.026 the variance is 21 % off and χ = 0.07 (κ = 9): its mean is fine, and its sd is 10 % off."""
     names, count = tuple("abcd"), 120

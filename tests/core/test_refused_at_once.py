@@ -36,14 +36,19 @@ def density(function=lambda x: -(x[:, 0] ** 2), bounds=BOX):
         (lambda: density().log_density([1.0, 2.0]), r"an array of shape \(2,\).*\(run, 1\)"),
         (lambda: density(lambda x: np.full(len(x), np.inf)).log_density([[0.5]]), r"\+inf at the point \(0.5\)"),
         (
-            lambda: si.sample(density(lambda x: np.where(x[:, 0] > 1.0, np.inf, 0.0)), si.SMC(particles=50, steps=5), seed=1),
+            lambda: si.sample(
+                density(lambda x: np.where(x[:, 0] > 1.0, np.inf, 0.0)), si.SMC(particles=50, steps=5), seed=1
+            ),
             r"\+inf at the point",
         ),
         (lambda: si.certify(density(), np.ones((500, 1)), limits=0.02), r"certify\(limits\): a float.*structid.Limits"),
         (lambda: si.Plan(limits=0.02), r"Plan\(limits\): a float"),
-        (lambda: si.Frozen(scipy.stats.Normal(mu=1.0, sigma=2.0)), "one of SciPy's new distributions.*scipy.stats.norm"),
+        (
+            lambda: si.Frozen(scipy.stats.Normal(mu=1.0, sigma=2.0)),
+            "one of SciPy's new distributions.*scipy.stats.norm",
+        ),
     ],
-)  # fmt: skip
+)
 def test_it_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()

@@ -39,10 +39,15 @@ def shell(tmp_path):
         if line.endswith("&"):
             background.append(
                 subprocess.Popen(
-                    line.rstrip("& "), shell=True, cwd=tmp_path, env=environment, start_new_session=True,
-                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                    line.rstrip("& "),
+                    shell=True,
+                    cwd=tmp_path,
+                    env=environment,
+                    start_new_session=True,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
                 )
-            )  # fmt: skip
+            )
             time.sleep(3.0)
             return None
         return subprocess.run(

@@ -45,11 +45,19 @@ def given():
     drawn = si.sample(posterior, si.SMC(particles=200, steps=20), seed=1)
     time = np.linspace(0.0, 20.0, 400)
     return {
-        "si": si, "record": record, "another_record": record.scale(0.8), "space": space, "model": model, "measured": measured,
-        "posterior": posterior, "draws": drawn.thinned(2000), "log_density": posterior.log_density,
-        "displacement": 0.01 * np.sin(time), "force": 4e4 * np.tanh(2.0 * np.sin(time)),
+        "si": si,
+        "record": record,
+        "another_record": record.scale(0.8),
+        "space": space,
+        "model": model,
+        "measured": measured,
+        "posterior": posterior,
+        "draws": drawn.thinned(2000),
+        "log_density": posterior.log_density,
+        "displacement": 0.01 * np.sin(time),
+        "force": 4e4 * np.tanh(2.0 * np.sin(time)),
         "my_finite_elements": lambda stiffness, acceleration, dt: np.cumsum(acceleration) * dt * 1e6 / stiffness,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.slow

@@ -33,14 +33,16 @@ SAME = {
     "Fortran's exponents": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("e", "D"),
     "negative values without a space": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("  -", "-"),
     "milliseconds in full": TITLE + IN_G + "NPTS= 8, DT= 10 MILLISECONDS\n" + body(),
-    "percent of g": TITLE + "ACCELERATION IN UNITS OF %G\nNPTS= 8, DT= .0100 SEC\n"
+    "percent of g": TITLE
+    + "ACCELERATION IN UNITS OF %G\nNPTS= 8, DT= .0100 SEC\n"
     + "  ".join(f"{100.0 * v:.8f}" for v in VALUES),
     "no unit": TITLE + "NPTS= 8, DT= .0100 SEC\n" + body(),
-    "cm/s²": TITLE + "ACCELERATION TIME SERIES IN UNITS OF CM/SEC**2\nNPTS= 8, DT= .0100 SEC\n"
+    "cm/s²": TITLE
+    + "ACCELERATION TIME SERIES IN UNITS OF CM/SEC**2\nNPTS= 8, DT= .0100 SEC\n"
     + "  ".join(f"{100.0 * G * v:.8f}" for v in VALUES),
     "cm/s/s": TITLE + "UNITS: CM/S/S\nNPTS= 8, DT= .0100 SEC\n" + "  ".join(f"{100.0 * G * v:.8f}" for v in VALUES),
     "m/s²": TITLE + "Units are (m/sec**2)\nNPTS= 8, DT= .0100 SEC\n" + "  ".join(f"{G * v:.10f}" for v in VALUES),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("how", SAME)
@@ -187,11 +189,16 @@ def test_damaged_headers_are_told_and_never_crash(tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        "0.00 0.5\n0.01 -0.25\n0.02 1.5", "0.00,0.5\n0.01,-0.25\n0.02,1.5", "time, acc\n0.00, 0.5\n0.01, -0.25\n0.02, 1.5",
-        "0,00;0,5\n0,01;-0,25\n0,02;1,5", "t; a\n0,00; 0,5\n0,01; -0,25\n0,02; 1,5", "0,00 0,5\n0,01 -0,25\n0,02 1,5",
-        "0,00\t0,5\n0,01\t-0,25\n0,02\t1,5", "0.00;0.5\n0.01;-0.25\n0.02;1.5",
+        "0.00 0.5\n0.01 -0.25\n0.02 1.5",
+        "0.00,0.5\n0.01,-0.25\n0.02,1.5",
+        "time, acc\n0.00, 0.5\n0.01, -0.25\n0.02, 1.5",
+        "0,00;0,5\n0,01;-0,25\n0,02;1,5",
+        "t; a\n0,00; 0,5\n0,01; -0,25\n0,02; 1,5",
+        "0,00 0,5\n0,01 -0,25\n0,02 1,5",
+        "0,00\t0,5\n0,01\t-0,25\n0,02\t1,5",
+        "0.00;0.5\n0.01;-0.25\n0.02;1.5",
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 def test_points_commas_semicolons_and_encodings(text, encoding, tmp_path):
     (tmp_path / "r.csv").write_bytes(("# Beschleunigung in m/s\u00b2\n" + text).encode(encoding))
@@ -212,7 +219,7 @@ def cells(tmp_path, rows):
 @pytest.mark.parametrize(
     "row",
     ['"{0:.2f}","{1:.6f}"', '"{0:.2f}" , "{1:.6f}"', '"{0:.2f}";"{1:.6f}"', '{0:.2f},"{1:.6f}"'],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("comma", [False, True])
 def test_cells_in_quotes_are_read(tmp_path, row, comma):
     rows = [row.format(t, np.sin(t)) for t in SECONDS]

@@ -65,6 +65,10 @@ def run(address, store, counter, limit):
         if rows == int(limit):
             size = recorder.journal_of(Path(store)).stat().st_size
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+        elif rows > int(limit) > 0:  # the recorder asks the disk now, and not a block later
+            self._due.set()
+            while not self.failed:
+                time.sleep(0.001)
 
     recorder.Recorder.add = counting
     specimen = RemoteSpecimen(address, SECRET, PATIENCE) if address != "local" else storey()

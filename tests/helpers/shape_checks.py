@@ -13,6 +13,7 @@ import inspect
 import re
 import sys
 import types
+import typing
 
 from jaxtyping import jaxtyped
 
@@ -32,10 +33,18 @@ def described(value):
     return f"{type(value).__name__}" if shape is None else f"{type(value).__name__} {shape} of {value.dtype}"
 
 
+def fits(value, hint):
+    """Whether a value is of an annotation, which may be a tuple of several."""
+    if typing.get_origin(hint) is tuple:
+        parts = typing.get_args(hint)
+        return len(value) == len(parts) and all(map(fits, value, parts))
+    return isinstance(value, hint)
+
+
 def compare(where, values, hints, texts):
     """Refuse what is not of its shape; None passes, since mypy knows where it may be."""
     for name, value in values.items():
-        if name in hints and value is not None and not isinstance(value, hints[name]):
+        if name in hints and value is not None and not fits(value, hints[name]):
             raise TypeError(f"{where}, {name}: {described(value)} is not {texts[name]}")
 
 

@@ -89,9 +89,15 @@ def one_mass_test(delay, compensation=None):
     lower = Substructure([[MASS / 2.0]], [[c / 2.0]], [[STIFFNESS]], [0])
     specimen = SimulatedSpecimen(LinearForce(np.array([[STIFFNESS]])), Actuator(delay=delay))
     return HybridTest(
-        upper, specimen, record(dt=1e-3), dt=0.01, time_scale=1.0, physical=lower, coupling=PrakashHjelmstad(10, "physical"),
+        upper,
+        specimen,
+        record(dt=1e-3),
+        dt=0.01,
+        time_scale=1.0,
+        physical=lower,
+        coupling=PrakashHjelmstad(10, "physical"),
         compensation=compensation,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("delay", [0.003, 0.020, 0.159, 0.199])
@@ -141,9 +147,12 @@ def test_steps_that_grow_beyond_all_numbers():
 def test_the_check_knows_the_commands_of_the_run(compensation):
     """A compensation overshoots, and makes small jumps fast: what the pistons will be told, not where they should be."""
     test = frame_test(
-        SimulatedSpecimen(LOWER.force, Actuator(delay=0.017)), coupling=PrakashHjelmstad(100, "physical"), time_scale=10.0,
-        compensation=compensation, record=record(0.4),
-    )  # fmt: skip
+        SimulatedSpecimen(LOWER.force, Actuator(delay=0.017)),
+        coupling=PrakashHjelmstad(100, "physical"),
+        time_scale=10.0,
+        compensation=compensation,
+        record=record(0.4),
+    )
     checked, result = test.check(), test.run()
     assert checked.stroke[0] == pytest.approx(np.abs(result.moves.command).max(), rel=2e-3)
     fastest = np.abs(np.diff(result.moves.command[:, 0])).max() / 1e-3

@@ -103,9 +103,14 @@ def test_what_was_measured_is_the_law_that_was_tested(run):
 
 def test_the_whole_as_a_model_is_the_test(run):
     virtual = VirtualHybridTest(
-        UPPER, LOWER, replace(STOREY, stiffness=None, free=("stiffness",)), 0.01, way=run.way_to("3"), pieces=20,
+        UPPER,
+        LOWER,
+        replace(STOREY, stiffness=None, free=("stiffness",)),
+        0.01,
+        way=run.way_to("3"),
+        pieces=20,
         channels=("displacement_1", "displacement_2", "restoring_force_1"),
-    )  # fmt: skip
+    )
     found = virtual.simulate(np.full((2, 1), 7.6e6), run.tests["3"].record).values[1]
     happened = run.tests["3"].coarse
     np.testing.assert_allclose(found[:, :2], happened.u, atol=1e-6 * np.abs(happened.u).max())

@@ -35,9 +35,10 @@ CASES = {
     "right model, white noise": (dict(noise=white), {"iid"}),
     "right model, AR(1) noise": (dict(noise=correlated), {"ar1"}),
     "a model that should degrade": (
-        dict(noise=white, delta_nu=1.0, delta_eta=3.0), {"drifting parameters + iid", "drifting parameters + damped cosine"},
+        dict(noise=white, delta_nu=1.0, delta_eta=3.0),
+        {"drifting parameters + iid", "drifting parameters + damped cosine"},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.slow
@@ -52,9 +53,14 @@ def test_the_right_error_model_is_chosen(case):
 def test_a_choice_reports_its_margin():
     told = []
     choice = si.choose_error_model(
-        SPACE, MODEL, measured(white, delta_nu=1.0, delta_eta=3.0), [si.IID(), si.Drifting()], sampler=SAMPLER, seed=1,
+        SPACE,
+        MODEL,
+        measured(white, delta_nu=1.0, delta_eta=3.0),
+        [si.IID(), si.Drifting()],
+        sampler=SAMPLER,
+        seed=1,
         progress=lambda *done: told.append(done),
-    )  # fmt: skip
+    )
     assert choice.laws == ("iid", "drifting parameters + iid") and choice.chosen == 1
     assert choice.posterior.error_model.describe()["kind"] == "drifting" and choice.result is choice.results[1]
     assert "The data choose drifting parameters + iid" in choice.sentence and "nats ahead of iid" in choice.sentence

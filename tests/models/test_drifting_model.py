@@ -24,8 +24,10 @@ def test_without_drift_it_is_the_model(kind):
     model = {
         "oscillator": oscillator,
         "degrading": lambda: oscillator(delta_nu=DEGRADING["delta_nu"], delta_eta=DEGRADING["delta_eta"]),
-        "frame": lambda: si.ShearFrame(storeys=2, **LAW, free=SPACE.names, channels=("velocity_1", "drift_2"), damping="rayleigh"),
-    }[kind]()  # fmt: skip
+        "frame": lambda: si.ShearFrame(
+            storeys=2, **LAW, free=SPACE.names, channels=("velocity_1", "drift_2"), damping="rayleigh"
+        ),
+    }[kind]()
     theta = SPACE.sample(3, seed=1).values
     drift = np.concatenate([theta, np.zeros((3, 2)), np.ones((3, 8))], axis=1)
     expected, found = model.simulate(theta, RECORD), DriftingModel(model, SPACE, 4, 1.0).simulate(drift, RECORD)

@@ -82,10 +82,14 @@ def test_a_space_comes_back_from_its_plain_words(study_space):
     import json
 
     space = si.ParameterSpace(
-        correlation={("a", "b"): 0.3}, derived={"c": "a * b"},
-        a=si.Gamma(mean=2, sd=1, unit="mm"), b=si.Weibull(mean=3, sd=1, high=9), d=si.Gumbel(mean=0, sd=1),
-        e=si.Beta(mean=0.3, sd=0.1), f=si.Uniform(-1, 1),
-    )  # fmt: skip
+        correlation={("a", "b"): 0.3},
+        derived={"c": "a * b"},
+        a=si.Gamma(mean=2, sd=1, unit="mm"),
+        b=si.Weibull(mean=3, sd=1, high=9),
+        d=si.Gumbel(mean=0, sd=1),
+        e=si.Beta(mean=0.3, sd=0.1),
+        f=si.Uniform(-1, 1),
+    )
     for one in (space, study_space):
         again = si.ParameterSpace.from_plain(json.loads(json.dumps(one.to_plain())))
         assert again.content_hash == one.content_hash

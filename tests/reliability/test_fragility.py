@@ -59,9 +59,17 @@ def test_a_surrogate_agrees_and_spends_fewer_runs(posterior, draws) -> None:
     limit, levels = 3.0 * float(np.median(peaks(draws))), [2.0, 3.0, 4.0]
     exact = si.fragility(posterior, draws, RECORDS[:2], "displacement", limit, levels, seed=1)
     through = si.fragility(
-        posterior, draws, RECORDS[:2], "displacement", limit, levels, surrogate=si.PODKriging(), training=40, checks=20,
+        posterior,
+        draws,
+        RECORDS[:2],
+        "displacement",
+        limit,
+        levels,
+        surrogate=si.PODKriging(),
+        training=40,
+        checks=20,
         seed=1,
-    )  # fmt: skip
+    )
     assert through.true_runs == 60 * 6
     assert (np.abs(through.of_each - exact.of_each) < 4.0 * through.error_of_each).all()
     assert (np.abs(through.passed - exact.passed).mean(axis=0) < 0.1).all()

@@ -62,9 +62,13 @@ def test_runs_of_several_records_have_their_own_ends() -> None:
     values = np.full((4, 201, 1), np.nan)
     values[:2, :51], values[2:] = short.values, long.values
     runs = si.Runs(
-        short.design + long.design, (short.records[0], long.records[0]), ("drift",), type(short.stored)(values),
-        np.zeros(4), np.array([0, 0, 1, 1]),
-    )  # fmt: skip
+        short.design + long.design,
+        (short.records[0], long.records[0]),
+        ("drift",),
+        type(short.stored)(values),
+        np.zeros(4),
+        np.array([0, 0, 1, 1]),
+    )
     found = si.passages(runs, "drift", 0.8)
     np.testing.assert_allclose(found.followed, [0.5, 0.5, 2.0, 2.0])
     np.testing.assert_allclose(found.time, [np.nan, np.nan, 1.6, 0.8])
@@ -93,9 +97,12 @@ def test_a_limit_must_be_beyond_the_beginning(limit: float) -> None:
 
 def test_a_limit_below_the_displacement_at_rest_is_refused() -> None:
     wall = si.MasonryWall(
-        normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6,
+        normal_energy=5.5e3,
+        normal_strength=1.05e6,
+        tangential_energy=4e5,
+        tangential_strength=2e6,
         channels=("uy_top_left",),
-    )  # fmt: skip
+    )
     found = wall.simulate(np.zeros((1, 0)), si.GroundMotion.synthetic(seed=8).trim(6.0, 6.1))
     with pytest.raises(si.InputError, match=r"The runs begin at 0\.0025"):
         si.first_passage(found, "uy_top_left", 1e-3)

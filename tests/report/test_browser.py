@@ -80,9 +80,13 @@ def page(tmp_path_factory, pictures):
     )
     shown = {"key": "wide", "title": "A wide table", "words": ["Words."], "tables": [table], "under_doubt": ""}
     text = content.render(
-        title="A structure", sentence="One parameter.", found=found, sections=[shown | {"pictures": drawn.pictures}],
-        run=(["what", "value"], [[LONG, "structid"]]), settings="[model]\n" + "x" * 300,
-    )  # fmt: skip
+        title="A structure",
+        sentence="One parameter.",
+        found=found,
+        sections=[shown | {"pictures": drawn.pictures}],
+        run=(["what", "value"], [[LONG, "structid"]]),
+        settings="[model]\n" + "x" * 300,
+    )
     (folder / "plain.html").write_text(text)
     (folder / "probed.html").write_text(text.replace("</body>", PROBE + "</body>"))
     return folder

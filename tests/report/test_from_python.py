@@ -25,9 +25,14 @@ def test_draws_of_the_model_have_a_page(tmp_path):
     result = si.sample(posterior, si.SMC(particles=100, steps=10), seed=1)
     drawn = []
     page = si.write_report(
-        result, tmp_path / "new" / "out", title="Mine", other_records=[RECORD.scale(1.5)], true_values=TRUTH,
-        channels=("displacement", "velocity"), progress=lambda done, total: drawn.append(done / total),
-    )  # fmt: skip
+        result,
+        tmp_path / "new" / "out",
+        title="Mine",
+        other_records=[RECORD.scale(1.5)],
+        true_values=TRUTH,
+        channels=("displacement", "velocity"),
+        progress=lambda done, total: drawn.append(done / total),
+    )
     text = page.read_text()
     assert page == tmp_path / "new" / "out" / "report.html" and drawn[-1] == 1.0
     for said in (
@@ -65,9 +70,15 @@ def test_draws_of_something_else_are_refused(tmp_path):
 
 
 FLOORS = si.ShearFrame(
-    storeys=2, mass=1000.0, alpha=0.1, beta=200.0, gamma_ratio=0.5, damping_ratio=0.03,
-    channels=("absolute_acceleration_1", "absolute_acceleration_2", "drift_1"), free=("stiffness_1", "stiffness_2"),
-)  # fmt: skip
+    storeys=2,
+    mass=1000.0,
+    alpha=0.1,
+    beta=200.0,
+    gamma_ratio=0.5,
+    damping_ratio=0.03,
+    channels=("absolute_acceleration_1", "absolute_acceleration_2", "drift_1"),
+    free=("stiffness_1", "stiffness_2"),
+)
 
 
 def test_several_observations_of_one_record_each_have_their_own_figures(tmp_path, monkeypatch):
@@ -104,8 +115,10 @@ def test_several_observations_of_one_record_each_have_their_own_figures(tmp_path
     assert [n for n in names if n.startswith("loops")] == ["loops_storey_1_1", "loops_storey_2_1"]
     assert [n for n in names if n.startswith("energy")] == ["energy_storey_1_1", "energy_storey_2_1"]
     assert [n for n in names if n.startswith("residuals")] == [
-        "residuals_absolute_acceleration_1_3", "residuals_absolute_acceleration_2_2", "residuals_drift_1_1",
-    ]  # fmt: skip
+        "residuals_absolute_acceleration_1_3",
+        "residuals_absolute_acceleration_2_2",
+        "residuals_drift_1_1",
+    ]
     assert [n for n in names if n.startswith("record")] == ["record_1"]
     assert "Hysteresis loops of storey 2 on" in page.read_text()
 

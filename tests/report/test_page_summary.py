@@ -17,9 +17,18 @@ SPACE = si.ParameterSpace(
 
 
 def material(
-    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_error_model=(), against_priors=(),
-    certificate=None, surrogate=None, cost=None, another_size=False,
-):  # fmt: skip
+    draws=None,
+    elsewhere=None,
+    truth=None,
+    converged=True,
+    wrong_model=(),
+    wrong_error_model=(),
+    against_priors=(),
+    certificate=None,
+    surrogate=None,
+    cost=None,
+    another_size=False,
+):
     """What a calibration leaves, as far as the first screen looks at it; numbers in display units."""
     rng = np.random.default_rng(1)
     if draws is None:

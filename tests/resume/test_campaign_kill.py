@@ -112,8 +112,10 @@ def dask(*arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]],
         env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(HELPERS), *sys.path]), CALLS=os.environ["CALLS"]),
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
 
 
 def kill(process):

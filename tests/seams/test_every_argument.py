@@ -136,12 +136,18 @@ def test_whole_numbers_of_other_libraries_are_whole_numbers(value):
 @pytest.mark.parametrize(
     "value",
     [
-        [1, 2, 3], (1.0, 2.0, 3.0), np.array([1, 2, 3], dtype=object), np.array([1, 2, 3], dtype=np.float16),
-        np.ma.masked_array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0], dtype=complex), pandas.Series([1, 2, 3], dtype="Int64"),
-        [Fraction(1), Fraction(2), 3], range(1, 4),
+        [1, 2, 3],
+        (1.0, 2.0, 3.0),
+        np.array([1, 2, 3], dtype=object),
+        np.array([1, 2, 3], dtype=np.float16),
+        np.ma.masked_array([1.0, 2.0, 3.0]),
+        np.array([1.0, 2.0, 3.0], dtype=complex),
+        pandas.Series([1, 2, 3], dtype="Int64"),
+        [Fraction(1), Fraction(2), 3],
+        range(1, 4),
     ],
     ids=lambda value: type(value).__name__,
-)  # fmt: skip
+)
 def test_arrays_of_other_libraries_are_arrays(value):
     array = real_array("x", value)
     assert array.dtype == np.float64

@@ -63,15 +63,22 @@ def hybrid_test():
     law = dict(alpha=0.05, beta=63.0, gamma_ratio=0.5)
     upper, lower = si.cut_frame(si.ShearFrame(storeys=2, mass=12e3, damping_ratio=0.03, stiffness=8e6, **law), 1)
     return si.VirtualHybridTest(
-        upper, lower, oscillator(), 0.01, si.PrakashHjelmstad(20, "numerical"), 2, [[0.01], [0.001]],
+        upper,
+        lower,
+        oscillator(),
+        0.01,
+        si.PrakashHjelmstad(20, "numerical"),
+        2,
+        [[0.01], [0.001]],
         ("displacement_1", "displacement_2", "restoring_force_1"),
-    )  # fmt: skip
+    )
 
 
 DRIFTING = SPRING.extended(
-    stiffness_drift=si.Uniform(0.1, 0.3, unit="kN/mm"), gamma_ratio_drift=si.Uniform(0.0, 0.1),
+    stiffness_drift=si.Uniform(0.1, 0.3, unit="kN/mm"),
+    gamma_ratio_drift=si.Uniform(0.0, 0.1),
     **{f"{name}_at_{knot}": si.Normal(0.0, 1.0) for name in SPRING.names for knot in (1, 2, 3)},
-)  # fmt: skip
+)
 
 
 def program(folder):
@@ -99,12 +106,14 @@ MODELS = {
     "CallableModel": (lambda folder: si.CallableModel(solvers.wave, WAVES.names, ("velocity",)), WAVES, True),
     "ProgramModel": (program, WAVES, True),
     "UMBridgeModel": (
-        lambda folder: si.UMBridgeModel(serving_waves(), WAVES.names, ("velocity",), "wave", send_record=True), WAVES, True,
+        lambda folder: si.UMBridgeModel(serving_waves(), WAVES.names, ("velocity",), "wave", send_record=True),
+        WAVES,
+        True,
     ),
     "ResponseSpaceSurrogate": (lambda folder: fitted(si.PODPCE()), SPRING, False),
     "ParametricNARX": (lambda folder: fitted(si.PCNARX(degree=1, steps=2)), SPRING, True),
     "NARXWithRest": (lambda folder: fitted(si.CorrectedNARX(si.PCNARX(degree=1, steps=2))), SPRING, True),
-}  # fmt: skip
+}
 
 
 def test_no_model_is_forgotten():
@@ -172,12 +181,17 @@ class TestEveryModel:
             (lambda m, s, record: m.simulate(s.sample(2, seed=1), record.values), r"simulate\(excitation\): an array"),
             (lambda m, s, record: m.simulate(s.sample(3, seed=1), [record, record]), "2 excitations for 3 runs"),
             (
-                lambda m, s, record: m.simulate(s.sample(2, seed=1), [record, replace(record, values=record.values[:99])]),
+                lambda m, s, record: m.simulate(
+                    s.sample(2, seed=1), [record, replace(record, values=record.values[:99])]
+                ),
                 "different steps or lengths",
             ),
-            (lambda m, s, record: m.simulate(si.ParameterSpace(c=si.Uniform(0, 1)).sample(2, seed=1), record), "has no prior"),
+            (
+                lambda m, s, record: m.simulate(si.ParameterSpace(c=si.Uniform(0, 1)).sample(2, seed=1), record),
+                "has no prior",
+            ),
         ],
-    )  # fmt: skip
+    )
     def test_what_makes_no_sense_is_refused(self, case, call, words):
         model, space, _, record, *_ = case
         with pytest.raises(InputError, match=words):

@@ -117,11 +117,13 @@ parameters = { alpha = %s }
 """
 IN_A_STUDY = {
     "Uniform": '{ distribution = "uniform", low = 0.03, high = 0.09 }',
-    **{name.capitalize(): f'{{ distribution = "{name}", mean = 0.06, sd = 0.01, low = 0.0, high = 1.0 }}'
-       for name in ("normal", "gamma", "weibull", "gumbel")},
+    **{
+        name.capitalize(): f'{{ distribution = "{name}", mean = 0.06, sd = 0.01, low = 0.0, high = 1.0 }}'
+        for name in ("normal", "gamma", "weibull", "gumbel")
+    },
     "LogNormal": '{ distribution = "lognormal", mean = 0.06, sd = 0.01, high = 1.0 }',
     "Beta": '{ distribution = "beta", mean = 0.06, sd = 0.01 }',
-}  # fmt: skip
+}
 
 
 @pytest.mark.slow

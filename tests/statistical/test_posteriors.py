@@ -29,9 +29,12 @@ def test_reference_posterior_of_el_centro(strong_motion, study_space, capsys):
     result = si.sample(posterior, si.AIES(**CONVERGING, steps=4000, discard=0.25), seed=2)
     assert result.verdict().converged, str(result.verdict())
     expected = {
-        "stiffness": (5.351e6, 0.012e6), "beta": (64.95, 0.05), "gamma_ratio": (-0.682, 0.024), "alpha": (0.0253, 0.0029),
+        "stiffness": (5.351e6, 0.012e6),
+        "beta": (64.95, 0.05),
+        "gamma_ratio": (-0.682, 0.024),
+        "alpha": (0.0253, 0.0029),
         "sigma2": (7.40e-5, 0.17e-5),
-    }  # fmt: skip
+    }
     for i, name in enumerate(posterior.names):
         mean, sd = expected[name]
         with capsys.disabled():

@@ -23,8 +23,12 @@ def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
     outcome = run_study(study, tmp_path / "out")
     choice, result = outcome.results[ErrorModelChoice], outcome.result
     assert choice.error_models == (
-        "iid", "ar1", "damped cosine", "drifting parameters + iid", "drifting parameters + damped cosine",
-    )  # fmt: skip
+        "iid",
+        "ar1",
+        "damped cosine",
+        "drifting parameters + iid",
+        "drifting parameters + damped cosine",
+    )
     best = max(range(5), key=lambda place: choice.evidences[place].value)
     assert "drifting" in choice.error_models[best]
     # Tens of hidden values need another sampler than the four parameters of the file. If they are not sampled well, they are left.

@@ -65,14 +65,26 @@ def test_the_page_shows_the_loop_and_its_lines(study):
     ("change", "amplitude", "said"),
     [
         (lambda t: t, 0.004, "hardly yielded"),
-        (lambda t: t.replace(LOOP, ""), 0.05, r"key 'parameters.stiffness.distribution': 'loop'. .*beside a table \[loop\]"),
+        (
+            lambda t: t.replace(LOOP, ""),
+            0.05,
+            r"key 'parameters.stiffness.distribution': 'loop'. .*beside a table \[loop\]",
+        ),
         (lambda t: t.replace('"loop.csv"', '"lop.csv"'), 0.05, "lop.csv: .*no such file"),
         (lambda t: t.replace('force_unit = "kN"', 'force_unit = "mm"'), 0.05, "table 'loop'.*measures the same as 'N'"),
         (lambda t: t.replace("[loop]", "[loop]\nforce_column = 5"), 0.05, "column 5 asked for"),
-        (lambda t: t.replace('distribution = "loop"', 'distribution = "loop"\nmean = 7.4', 1), 0.05, "the lines give the prior"),
-        (lambda t: _with_priors(t, beta='distribution = "loop"'), 0.05, "key 'parameters.beta.distribution'.*stiffness or alpha"),
+        (
+            lambda t: t.replace('distribution = "loop"', 'distribution = "loop"\nmean = 7.4', 1),
+            0.05,
+            "the lines give the prior",
+        ),
+        (
+            lambda t: _with_priors(t, beta='distribution = "loop"'),
+            0.05,
+            "key 'parameters.beta.distribution'.*stiffness or alpha",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_is_a_paragraph(study, change, amplitude, said):
     with pytest.raises(si.InputError, match=f"(?s){said}"):
         load(study(amplitude, change(STUDY)))

@@ -208,8 +208,11 @@ MISTAKES = {
     "force_noise = ": ("noise = ", "online"),
     "update = false": ('update = false\ndrift = "x"', "online.drift"),
     "substeps = 10": ("substeps = 10\nalpha = -0.5", "-1/3"),
-    'type = "bouc_wen"\nmass = "12 t"\n\n[parameters': ('type = "shear_frame"\n\n[parameters', "'bouc_wen', 'masonry_wall'"),
-}  # fmt: skip
+    'type = "bouc_wen"\nmass = "12 t"\n\n[parameters': (
+        'type = "shear_frame"\n\n[parameters',
+        "'bouc_wen', 'masonry_wall'",
+    ),
+}
 
 
 @pytest.mark.parametrize("right", MISTAKES)

@@ -16,10 +16,21 @@ from structid.study.run import load, report_again, run_study
 from studies import SMALL, without_pages
 
 FIGURES = {
-    "record", "processing", "measurement", "response_velocity", "loops", "energy", "marginals", "pairs", "identifiability",
+    "record",
+    "processing",
+    "measurement",
+    "response_velocity",
+    "loops",
+    "energy",
+    "marginals",
+    "pairs",
+    "identifiability",
     "residuals_velocity",
-    "traces", "acceptance", "identified", "other_1_velocity",
-}  # fmt: skip
+    "traces",
+    "acceptance",
+    "identified",
+    "other_1_velocity",
+}
 """Of its page."""
 
 

@@ -36,8 +36,9 @@ def test_a_surrogate_in_them_saved_and_read_again(tmp_path):
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.3, free=("stiffness", "alpha"))
     space = si.ParameterSpace(
         coordinates={"log_stiffness": "log(stiffness)", "alpha_too": "alpha"},
-        stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"), alpha=si.Uniform(0.02, 0.1),
-    )  # fmt: skip
+        stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"),
+        alpha=si.Uniform(0.02, 0.1),
+    )
     runs = si.Campaign(model, RECORD, space.sample(40, seed=1)).run()
     for settings in (si.PODKriging(), si.PODPCE()):
         surrogate = settings.fit(runs)
@@ -67,8 +68,9 @@ def test_coefficients_of_a_narx_are_functions_of_them(tmp_path, settings):
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.3, free=("stiffness", "alpha"))
     space = si.ParameterSpace(
         coordinates={"log_stiffness": "log(stiffness)", "alpha_too": "alpha"},
-        stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"), alpha=si.Uniform(0.02, 0.1),
-    )  # fmt: skip
+        stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"),
+        alpha=si.Uniform(0.02, 0.1),
+    )
     runs = si.Campaign(model, RECORD, space.sample(24, seed=1)).run()
     surrogate = settings.fit(runs)
     values = space.in_coordinates(runs.design.values)

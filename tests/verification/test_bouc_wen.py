@@ -181,9 +181,15 @@ def right_hand_side(record, p, pinching):
 def test_against_dop853(short_record, pinching):
     """SciPy's DOP853 at rtol 1e-10, written from the equations; the default substeps err by less than 1e-4 in velocity."""
     truth = scipy.integrate.solve_ivp(
-        right_hand_side(short_record, DEGRADING, pinching), (0, short_record.duration), np.zeros(4), "DOP853",
-        short_record.time, rtol=1e-10, atol=1e-14, max_step=short_record.dt,
-    )  # fmt: skip
+        right_hand_side(short_record, DEGRADING, pinching),
+        (0, short_record.duration),
+        np.zeros(4),
+        "DOP853",
+        short_record.time,
+        rtol=1e-10,
+        atol=1e-14,
+        max_step=short_record.dt,
+    )
     model = si.BoucWen(**DEGRADING, **pinching)
     u, v, z, e = run(model, short_record, "displacement", "velocity", "hysteretic_displacement", "hysteretic_energy")
     print(f"default substeps: velocity error {relative(v, truth.y[1]):.1e}")

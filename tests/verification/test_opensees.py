@@ -45,13 +45,38 @@ DEGRADING = {
 }
 PINCHING = {
     # The set of the source, its ζ₀ = 1 read as 0.95.
-    "source": {"beta": 63.0, "gamma": 63.0, "zeta0": 0.95, "p": 2.0, "q": 1.0, "psi0": 0.5e-3, "delta_psi": 0.6,
-               "lambda_": 0.9},
-    "wide": {"beta": 63.0, "gamma": 50.0, "zeta0": 0.95, "p": 2.0, "q": 0.3, "psi0": 5e-3, "delta_psi": 6e-3,
-             "lambda_": 0.9},
-    "exponent": {"beta": 500.0, "gamma": 300.0, "exponent": 1.5, "zeta0": 0.8, "p": 10.0, "q": 0.1, "psi0": 2e-3,
-                 "delta_psi": 0.05, "lambda_": 0.4},
-}  # fmt: skip
+    "source": {
+        "beta": 63.0,
+        "gamma": 63.0,
+        "zeta0": 0.95,
+        "p": 2.0,
+        "q": 1.0,
+        "psi0": 0.5e-3,
+        "delta_psi": 0.6,
+        "lambda_": 0.9,
+    },
+    "wide": {
+        "beta": 63.0,
+        "gamma": 50.0,
+        "zeta0": 0.95,
+        "p": 2.0,
+        "q": 0.3,
+        "psi0": 5e-3,
+        "delta_psi": 6e-3,
+        "lambda_": 0.9,
+    },
+    "exponent": {
+        "beta": 500.0,
+        "gamma": 300.0,
+        "exponent": 1.5,
+        "zeta0": 0.8,
+        "p": 10.0,
+        "q": 0.1,
+        "psi0": 2e-3,
+        "delta_psi": 0.05,
+        "lambda_": 0.4,
+    },
+}
 
 
 def growing_cycles() -> si.DisplacementHistory:

@@ -97,9 +97,11 @@ def test_bad_constraints_are_refused(text):
 def benchmark(record, **truth):
     """The source's table 3.2: k_i, β, γ, α in a box, |γ| ≤ β."""
     space = si.ParameterSpace(
-        stiffness=si.Uniform(4.27, 11.85, unit="kN/mm"), beta=si.Uniform(55.0, 65.0, unit="1/m"),
-        gamma=si.Uniform(-65.0, 65.0, unit="1/m"), alpha=si.Uniform(0.0, 1.0),
-    )  # fmt: skip
+        stiffness=si.Uniform(4.27, 11.85, unit="kN/mm"),
+        beta=si.Uniform(55.0, 65.0, unit="1/m"),
+        gamma=si.Uniform(-65.0, 65.0, unit="1/m"),
+        alpha=si.Uniform(0.0, 1.0),
+    )
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=space.names, substeps=1)
     velocity = si.BoucWen(**DEGRADING | truth, substeps=1).simulate(np.zeros((1, 0)), record).channel("velocity")[0]
     return si.Posterior(space, model, si.Observation(record, velocity)).misfit

@@ -30,9 +30,17 @@ def test_linear_frame_equals_its_modes(record, damping):
 
     mass, stiffness = np.array([12e3, 10e3, 8e3]), np.array([2.0e7, 1.6e7, 1.2e7])
     frame = si.ShearFrame(
-        storeys=3, mass=mass, stiffness=stiffness, alpha=1.0, beta=0.0, gamma=0.0, damping_ratio=0.03, damping=damping,
-        channels=("displacement_1", "displacement_2", "displacement_3"), substeps=12,
-    )  # fmt: skip
+        storeys=3,
+        mass=mass,
+        stiffness=stiffness,
+        alpha=1.0,
+        beta=0.0,
+        gamma=0.0,
+        damping_ratio=0.03,
+        damping=damping,
+        channels=("displacement_1", "displacement_2", "displacement_3"),
+        substeps=12,
+    )
     k = np.diag(stiffness + np.append(stiffness[1:], 0)) - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
     squares, modes = scipy.linalg.eigh(k, np.diag(mass))
     np.testing.assert_allclose(frame.frequencies(), np.sqrt(squares) / 2 / np.pi, rtol=1e-12)

@@ -160,6 +160,9 @@ class Plan:
             For hashes; a calibration with more true runs continues the same one.
         """
         return {
-            "start": self.start, "batch": self.batch, "certificate": self.certificate, "widen": self.widen,
+            "start": self.start,
+            "batch": self.batch,
+            "certificate": self.certificate,
+            "widen": self.widen,
             "explorer": {**self.explorer.describe(), "steps": self.explorer.steps},
-        }  # fmt: skip
+        }

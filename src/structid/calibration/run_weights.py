@@ -1,4 +1,4 @@
-"""Weights of model runs for a surrogate that must be accurate near the posterior."""
+"""Weights of model runs by how near they are to the posterior: by a tempered posterior, π^τ."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from jaxtyping import Float
 
 from structid.inference.convergence import weighted_size
 
-EFFECTIVE_SHARE = 0.5
-"""Fraction of the runs that count effectively; see `weighted_size`."""
+FITTED_SHARE = 0.5
+"""Fraction of the runs that count effectively in the fit of a NARX; see `weighted_size`."""
 
 LEAST = 1e-2
 """Weight of a run far from the posterior, which keeps the surrogate from creating a false mode there."""
 
 
 def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"]:
-    """Weight runs by a tempered posterior, w = max(π^τ, `LEAST`), with the exponent τ for which half of the runs count.
+    """Weight runs for the fit of a NARX, w = max(π^τ, `LEAST`), so that half of them count.
 
     A NARX with few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than
     one that errs equally everywhere.
@@ -24,15 +24,28 @@ def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"
     finite = np.isfinite(log_density)
     if not finite.any():
         return np.ones(len(log_density))
+    farthest = log_density[finite].max() - log_density[finite].min()
+    _, weights = tempered_weights(log_density, FITTED_SHARE, LEAST, -np.log(max(farthest, 1.0)) - 10.0)
+    return weights
+
+
+def tempered_weights(
+    log_density: Float[np.ndarray, " run"], share: float, least: float = 0.0, lowest: float = -50.0
+) -> tuple[float, Float[np.ndarray, " run"]]:
+    """Weights w = max(π^τ, `least`) with the largest exponent τ ≤ 1 for which a share of the runs counts.
+
+    The exponent comes first; log τ is searched from `lowest` on.
+    """
+    finite = np.isfinite(log_density)
     below = np.where(finite, log_density - log_density[finite].max(), -np.inf)
 
     def weights(log_exponent: float) -> np.ndarray:
-        return np.asarray(np.maximum(np.exp(np.exp(log_exponent) * below), LEAST))
+        return np.asarray(np.maximum(np.exp(np.exp(log_exponent) * below), least))
 
     def excess(log_exponent: float) -> float:
-        return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)
+        return weighted_size(weights(log_exponent)) - share * len(below)
 
-    if excess(0.0) >= 0.0:  # all runs are draws of the posterior, as it were
-        return weights(0.0)
-    lowest = -np.log(max(-below[finite].min(), 1.0)) - 10.0
-    return weights(float(scipy.optimize.brentq(excess, lowest, 0.0))) if excess(lowest) > 0.0 else weights(lowest)
+    if excess(0.0) >= 0.0:  # the runs are as good as draws of the posterior
+        return 1.0, weights(0.0)
+    result = float(scipy.optimize.brentq(excess, lowest, 0.0)) if excess(lowest) > 0.0 else lowest
+    return float(np.exp(result)), weights(result)

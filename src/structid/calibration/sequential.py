@@ -382,9 +382,16 @@ class _Loop:
         fresh = slice(first, first + count)
         log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
         drawn = FreshDraws(
-            batch.fresh, self.posterior.compared(batch.fresh), log_true, batch.log_surrogate, batch.shares,
-            self.posterior.compared(batch.population), batch.highest, self.true.collapsed(fresh), DensityDifference.of(entry),
-        )  # fmt: skip
+            batch.fresh,
+            self.posterior.compared(batch.fresh),
+            log_true,
+            batch.log_surrogate,
+            batch.shares,
+            self.posterior.compared(batch.population),
+            batch.highest,
+            self.true.collapsed(fresh),
+            DensityDifference.of(entry),
+        )
         certificate = None
         if entry["final"]:
             look = 1 + self.looked + sum(r.certificate is not None for r in self.rounds)
@@ -397,9 +404,20 @@ class _Loop:
                 drawn, stored, self.posterior.compared_names, spent, look, self.plan.limits, doubts, noise
             )
         return Round(
-            number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
-            drawn.failed, certificate, drawn.log_ratios, batch.shares, again,
-        )  # fmt: skip
+            number,
+            training,
+            surrogate.fitted.error,
+            len(batch.fresh),
+            len(batch.others),
+            exponent,
+            deviation,
+            drawn.spread,
+            drawn.failed,
+            certificate,
+            drawn.log_ratios,
+            batch.shares,
+            again,
+        )
 
     def _noise(self, first: int, batch: Batch, log_true: np.ndarray, again: bool) -> tuple[str, ...]:
         """Evidence that an external solver is not deterministic, by repeating the first draw of a certificate."""
@@ -425,9 +443,15 @@ class _Loop:
         if self.folder is not None:
             (self.folder / CALIBRATION_FINISHED).touch()
         return CalibrationResult(
-            drawn, last.certificate, tuple(self.rounds), self.posterior, surrogate, self.true.runs, self.choice,
+            drawn,
+            last.certificate,
+            tuple(self.rounds),
+            self.posterior,
+            surrogate,
+            self.true.runs,
+            self.choice,
             final.representation,
-        )  # fmt: skip
+        )
 
     def _told(self, what: str) -> Progress:
         def tell(done: int, total: int) -> None:

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
+from structid.calibration.run_weights import tempered_weights
 from structid.ground_motion.excitation import Excitation
-from structid.inference.convergence import weighted_size
 from structid.inference.likelihood.posterior import Posterior
 
-EFFECTIVE_SHARE = 0.3
-"""Fraction of the runs that count effectively."""
+NEAR_SHARE = 0.3
+"""Fraction of the runs that count effectively in the errors of a surrogate near the posterior."""
 
 
 class KnowsItsErrors(Protocol):
@@ -56,28 +55,11 @@ def error_near_the_posterior(
     ]
     with np.errstate(invalid="ignore"):  # both may be −inf
         error = log_true - posterior.given(responses).log_density(theta)
-    exponent, weights = _tempered(log_true)
+    exponent, weights = tempered_weights(log_true, NEAR_SHARE)
     usable = np.isfinite(error) & (weights > 0.0)
     return (
         float(exponent * np.sqrt(np.average(error[usable] ** 2, weights=weights[usable]))) if usable.any() else np.inf
     )
-
-
-def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
-    """The exponent τ ≤ 1 with which a fraction of the runs count, and weights π^τ."""
-    below = log_density - log_density[np.isfinite(log_density)].max()
-    below = np.where(np.isfinite(below), below, -np.inf)
-
-    def weights(log_exponent: float) -> np.ndarray:
-        return np.asarray(np.exp(np.exp(log_exponent) * below))
-
-    def excess(log_exponent: float) -> float:
-        return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)
-
-    if excess(0.0) >= 0.0:
-        return 1.0, weights(0.0)
-    result = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
-    return float(np.exp(result)), weights(result)
 
 
 def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:

@@ -166,9 +166,11 @@ def _connected(address: str) -> Any:
         return Client(address, timeout=CONNECTION_LIMIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as problem:
         raise InputError(
-            f"executor '{address}'", f"no Dask scheduler answers there ({type(problem).__name__})",
-            "the address of a running scheduler", "Start one with: dask scheduler --port 8786.",
-        ) from None  # fmt: skip
+            f"executor '{address}'",
+            f"no Dask scheduler answers there ({type(problem).__name__})",
+            "the address of a running scheduler",
+            "Start one with: dask scheduler --port 8786.",
+        ) from None
 
 
 def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:

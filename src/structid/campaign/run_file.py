@@ -224,9 +224,16 @@ def read_rows(path: Path) -> dict[str, Row]:
         if status != Status.PENDING:
             name = key.decode()
             rows[name] = Row(
-                name, int(status), str(reasons[position]), float(failure_time), float(seconds), int(attempts),
-                float(finished), source, position,
-            )  # fmt: skip
+                name,
+                int(status),
+                str(reasons[position]),
+                float(failure_time),
+                float(seconds),
+                int(attempts),
+                float(finished),
+                source,
+                position,
+            )
     return rows
 
 

@@ -149,9 +149,14 @@ class Runs(ShownAsText):
             The runs, in memory.
         """
         return cls(
-            design, (record,), histories.channels, InMemory(histories.values), histories.status,
-            reasons=histories.reasons, failure_time=histories.failure_time,
-        )  # fmt: skip
+            design,
+            (record,),
+            histories.channels,
+            InMemory(histories.values),
+            histories.status,
+            reasons=histories.reasons,
+            failure_time=histories.failure_time,
+        )
 
     def __len__(self) -> int:
         return len(self.design)
@@ -400,9 +405,11 @@ def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) ->
             else f"{len(assignment)}"
         )
         raise InputError(
-            "assignment", f"{came} for {runs} runs on {len(records)} records", '"cycle", or a record for each run',
+            "assignment",
+            f"{came} for {runs} runs on {len(records)} records",
+            '"cycle", or a record for each run',
             "Give the record of each run, by number or by name.",
-        )  # fmt: skip
+        )
     numbers = np.empty(runs, dtype=int)
     for i, which in enumerate(assignment):
         valid = which in names if isinstance(which, str) else 0 <= int(which) < len(records)

@@ -330,9 +330,29 @@ def issue_certificate(
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, doubts, variation, mean_off, sd_off, correlation_off, mean_shift, error, fresh.theta, fresh.weights,
-        fresh.log_ratios, look, above, excess, within, failed, true_runs, limits, names, correction, missing=fresh.missing,
-    )  # fmt: skip
+        verdict,
+        reasons,
+        doubts,
+        variation,
+        mean_off,
+        sd_off,
+        correlation_off,
+        mean_shift,
+        error,
+        fresh.theta,
+        fresh.weights,
+        fresh.log_ratios,
+        look,
+        above,
+        excess,
+        within,
+        failed,
+        true_runs,
+        limits,
+        names,
+        correction,
+        missing=fresh.missing,
+    )
 
 
 def _what_varies(

@@ -50,11 +50,20 @@ class MonteCarloError:
         """Report too few draws, whatever their density."""
         of_correlation = self.correlation.max(axis=1)
         kinds = [
-            (self.mean / limits.mean, "the mean", [f"{x:.2g} standard deviations" for x in self.mean], f"{limits.mean:g}"),
+            (
+                self.mean / limits.mean,
+                "the mean",
+                [f"{x:.2g} standard deviations" for x in self.mean],
+                f"{limits.mean:g}",
+            ),
             (self.sd / limits.sd, "the standard deviation", [f"{x:.0%}" for x in self.sd], f"{limits.sd:.0%}"),
-            (of_correlation / limits.correlation, "a correlation", [f"{x:.2g}" for x in of_correlation],
-             f"{limits.correlation:g}"),
-        ]  # fmt: skip
+            (
+                of_correlation / limits.correlation,
+                "a correlation",
+                [f"{x:.2g}" for x in of_correlation],
+                f"{limits.correlation:g}",
+            ),
+        ]
         times, kind, off, allowed = max(kinds, key=lambda kind: float(kind[0].max()))
         worst = int(np.argmax(times))
         if times[worst] <= 1.0:

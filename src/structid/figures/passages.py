@@ -108,13 +108,21 @@ def probability_map(
     name_axes(axis, *((pretty(n), pretty_unit(u)) for n, u in zip(names, units, strict=True)))
     parts = np.array_split(np.argsort(points[:, 0]), 40)
     beside.plot(
-        [points[part, 0].mean() for part in parts], [passed[part].mean() for part in parts], "o", ms=3, mew=0,
-        color=MODEL, label="share of passages",
-    )  # fmt: skip
+        [points[part, 0].mean() for part in parts],
+        [passed[part].mean() for part in parts],
+        "o",
+        ms=3,
+        mew=0,
+        color=MODEL,
+        label="share of passages",
+    )
     beside.plot(
-        [points[part, 0].mean() for part in parts], [predicted[part].mean() for part in parts], color=ACCENT, lw=1.2,
+        [points[part, 0].mean() for part in parts],
+        [predicted[part].mean() for part in parts],
+        color=ACCENT,
+        lw=1.2,
         label="mean of P",
-    )  # fmt: skip
+    )
     beside.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     name_axes(beside, (pretty(names[0]), pretty_unit(units[0])), ("probability of a passage", ""))
     return finish(figure, title, save)
@@ -152,8 +160,9 @@ def indices(
     index = np.arange(len(names))
     for axis, (label, first, total, first_error, total_error) in zip(axes[0], groups, strict=True):
         for shift, share, error, colour, word in (
-            (-0.2, first, first_error, ACCENT, "first"), (0.2, total, total_error, MUTED, "total"),
-        ):  # fmt: skip
+            (-0.2, first, first_error, ACCENT, "first"),
+            (0.2, total, total_error, MUTED, "total"),
+        ):
             axis.bar(index + shift, share, 0.38, yerr=error, color=colour, label=word, error_kw={"lw": 0.8})
         axis.set_xticks(index, [pretty(n).replace(" ", "\n") for n in names], fontsize=7.5)
         axis.grid(False, axis="x")

@@ -34,9 +34,14 @@ def record(
     # The label goes to the side of the peak where there is room.
     right = time[peak] < 0.6 * time[-1]
     top.annotate(
-        f"PGA {abs(acceleration[peak]):.3g} m/s²", (time[peak], acceleration[peak]), xytext=(8 if right else -8, 0),
-        textcoords="offset points", color=MODEL, ha="left" if right else "right", va="center",
-    )  # fmt: skip
+        f"PGA {abs(acceleration[peak]):.3g} m/s²",
+        (time[peak], acceleration[peak]),
+        xytext=(8 if right else -8, 0),
+        textcoords="offset points",
+        color=MODEL,
+        ha="left" if right else "right",
+        va="center",
+    )
     top.set_xlim(0.0, time[-1])
     name_axes(top, ("time", "s"), ("ground acceleration", "m/s²"))
     shown = frequency > 0

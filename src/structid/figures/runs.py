@@ -70,9 +70,15 @@ def _design(
     for code in np.unique(status):
         some = status == code
         axis.scatter(
-            theta[some, first], theta[some, second], s=7 if code == 0 else 14, lw=0, color=colours[int(code)],
-            alpha=0.5 if code == 0 else 0.9, label=f"{words[int(code)]} ({some.sum()})", zorder=2 + int(code > 0),
-        )  # fmt: skip
+            theta[some, first],
+            theta[some, second],
+            s=7 if code == 0 else 14,
+            lw=0,
+            color=colours[int(code)],
+            alpha=0.5 if code == 0 else 0.9,
+            label=f"{words[int(code)]} ({some.sum()})",
+            zorder=2 + int(code > 0),
+        )
     name_axes(axis, *((pretty(names[i]), pretty_unit(units[i])) for i in (first, second)))
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, handletextpad=0.1, columnspacing=1.0)
 

@@ -171,9 +171,21 @@ def _plain(value: float, _: int | None = None) -> str:
 def pretty(name: str) -> str:
     """Name of a parameter or channel as figures show it."""
     symbols = {
-        "alpha": "α", "beta": "β", "gamma": "γ", "gamma_ratio": "γ*", "sigma2": "σ²", "delta_nu": "δν", "delta_eta": "δη",
-        "delta_a": "δA", "damping_ratio": "ζ", "exponent": "n", "psi0": "ψ₀", "delta_psi": "δψ", "lambda_": "λ", "zeta0": "ζ₀",
-    }  # fmt: skip
+        "alpha": "α",
+        "beta": "β",
+        "gamma": "γ",
+        "gamma_ratio": "γ*",
+        "sigma2": "σ²",
+        "delta_nu": "δν",
+        "delta_eta": "δη",
+        "delta_a": "δA",
+        "damping_ratio": "ζ",
+        "exponent": "n",
+        "psi0": "ψ₀",
+        "delta_psi": "δψ",
+        "lambda_": "λ",
+        "zeta0": "ζ₀",
+    }
     if name.endswith("_drift"):
         return f"{pretty(name.removesuffix('_drift'))} drift"
     if name.startswith("log "):

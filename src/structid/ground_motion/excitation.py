@@ -95,9 +95,12 @@ class Excitation:
     def to_plain(self) -> dict[str, Any]:
         """Describe everything but the samples, JSON-compatible."""
         return {
-            "kind": self.kind, "dt": self.dt, "name": self.name,
-            "interpolation": self.interpolation, "lead_in_periods": self.lead_in_periods,
-        }  # fmt: skip
+            "kind": self.kind,
+            "dt": self.dt,
+            "name": self.name,
+            "interpolation": self.interpolation,
+            "lead_in_periods": self.lead_in_periods,
+        }
 
     def stage_values(self, substeps: int) -> np.ndarray:
         """Signal at the start, middle and end of every integration step."""
@@ -274,9 +277,13 @@ class CombinedExcitation(Excitation):
         values.setflags(write=False)
         first = signals[0]
         fields = {
-            "parts": signals, "values": values, "dt": first.dt, "name": name or " and ".join(p.name for p in signals),
-            "interpolation": first.interpolation, "lead_in_periods": first.lead_in_periods,
-        }  # fmt: skip
+            "parts": signals,
+            "values": values,
+            "dt": first.dt,
+            "name": name or " and ".join(p.name for p in signals),
+            "interpolation": first.interpolation,
+            "lead_in_periods": first.lead_in_periods,
+        }
         for key, value in fields.items():
             object.__setattr__(self, key, value)
 
@@ -291,28 +298,11 @@ class CombinedExcitation(Excitation):
         return "+".join(p.kind for p in self.parts)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe everything but the samples, ready for JSON.
-
-        Returns
-        -------
-        dict
-            Name, and the description of each part.
-        """
+        """Describe everything but the samples, ready for JSON."""
         return {"name": self.name, "parts": [p.to_plain() for p in self.parts]}
 
     def stage_values(self, substeps: int) -> np.ndarray:
-        """Signals at the start, middle and end of every integration step.
-
-        Parameters
-        ----------
-        substeps : int
-            Integration steps per sample.
-
-        Returns
-        -------
-        ndarray, shape (time − 1 + lead-in samples, substeps, 3, part)
-            The values of the parts, side by side.
-        """
+        """Signals at the start, middle and end of every integration step."""
         return np.stack([p.stage_values(substeps) for p in self.parts], axis=-1)
 
 
@@ -320,9 +310,11 @@ def check_one_signal(where: str, excitation: Excitation) -> None:
     """Reject an excitation of several signals."""
     if isinstance(excitation, CombinedExcitation):
         raise InputError(
-            where, f"{len(excitation.parts)} signals at once", "one GroundMotion, ForceHistory or DisplacementHistory",
+            where,
+            f"{len(excitation.parts)} signals at once",
+            "one GroundMotion, ForceHistory or DisplacementHistory",
             "An external model, or a surrogate of one, can take several.",
-        )  # fmt: skip
+        )
 
 
 def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:

@@ -25,11 +25,18 @@ _ANOTHER_UNIT = re.compile(r"(c|m)?m|in(ch(es)?)?|(c|m)?m/s(ec)?|in/s(ec)?", re.
 """Units of a velocity or a displacement."""
 
 UNITS = {
-    "g": "g", "gal": "cm/s^2", "gals": "cm/s^2", "mg": "0.001 g", "%g": "0.01 g",
-    **{spelt: "cm/s^2" for spelt in ("cm/sec**2", "cm/s**2", "cm/s/s", "cm/sec/sec", "cm/sec2", "cm/s2", "cm/s^2", "cm/sec^2")},
+    "g": "g",
+    "gal": "cm/s^2",
+    "gals": "cm/s^2",
+    "mg": "0.001 g",
+    "%g": "0.01 g",
+    **{
+        spelt: "cm/s^2"
+        for spelt in ("cm/sec**2", "cm/s**2", "cm/s/s", "cm/sec/sec", "cm/sec2", "cm/s2", "cm/s^2", "cm/sec^2")
+    },
     **{spelt: "m/s^2" for spelt in ("m/sec**2", "m/s**2", "m/s/s", "m/sec/sec", "m/sec2", "m/s2", "m/s^2", "m/sec^2")},
     **{spelt: "mm/s^2" for spelt in ("mm/sec**2", "mm/s**2", "mm/s/s", "mm/s2", "mm/s^2")},
-}  # fmt: skip
+}
 """Units of acceleration as headers spell them, in lower case."""
 
 

@@ -112,8 +112,8 @@ class HybridTest:
                 "HybridTest.compensation",
                 f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps a move",
                 "a fine specimen with one controller step a fine step: it learns from every one",
-                f"Take substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine=\"physical\".",
-            )  # fmt: skip
+                f'Take substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine="physical".',
+            )
 
     # --- what it is made of -------------------------------------------------------------------------------------
 
@@ -129,9 +129,11 @@ class HybridTest:
         stiffness_of_specimen, rows = self._description.stiffness, np.asarray(self.numerical.interface)
         if stiffness_of_specimen is None or len(stiffness_of_specimen) != len(rows):
             raise InputError(
-                "HybridTest.physical", "nothing", "a Substructure with mass, damping and K₀ of the specimen's part",
+                "HybridTest.physical",
+                "nothing",
+                "a Substructure with mass, damping and K₀ of the specimen's part",
                 "It may be left out for a specimen that tells its stiffness and has one channel for each row of the interface.",
-            )  # fmt: skip
+            )
         shared = INTERFACE_SHARE * rows @ self.numerical.mass @ rows.T
         rest = replace(self.numerical, mass=self.numerical.mass - rows.T @ shared @ rows)
         return rest, Substructure(
@@ -227,10 +229,12 @@ class HybridTest:
             imposed_moves = _imposed(coupled, steps)
             return VirtualMoves(imposed_moves[0] @ geometry.T, imposed_moves[1] @ np.linalg.pinv(geometry), collapse)
         specimen = SimulatedSpecimen(
-            self._parts[1].force, [Actuator(delay=channel.delay) for channel in channels],
-            channels=[channel.name for channel in channels], units=[channel.unit for channel in channels],
+            self._parts[1].force,
+            [Actuator(delay=channel.delay) for channel in channels],
+            channels=[channel.name for channel in channels],
+            units=[channel.unit for channel in channels],
             controller_step=self._description.controller_step,
-        )  # fmt: skip
+        )
         moves: list[Move] = []
         _, collapse = _taken_virtually(self._joined(self._force(specimen, moves.append)), base)
         return VirtualMoves(np.stack([m.target for m in moves]), np.stack([m.force for m in moves]), collapse)
@@ -349,9 +353,11 @@ class HybridTest:
             return None
         if not self._description.simulated:
             raise InputError(
-                "HybridTest.run", f"a test on '{self._description.name}' that was cut off", "a simulated specimen",
+                "HybridTest.run",
+                f"a test on '{self._description.name}' that was cut off",
+                "a simulated specimen",
                 NEVER_RESUMED,
-            )  # fmt: skip
+            )
         rows = recorded(store)[1]
         for path in (journal_of(store), *tails_of(store)):
             path.replace(path.with_name(path.name + ".before"))

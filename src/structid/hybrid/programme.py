@@ -232,9 +232,11 @@ def _finished(known: HybridResult, store: Path | None) -> HybridResult:
     """Return a completed test on a structure unchanged; its operator has released the specimen since."""
     if not known.finished:
         raise InputError(
-            f"{store}", "a test on a structure that did not come to its end", "one that did",
+            f"{store}",
+            "a test on a structure that did not come to its end",
+            "one that did",
             f"{NEVER_RESUMED} Make a new programme of the tests that are left.",
-        )  # fmt: skip
+        )
     return known
 
 

@@ -126,35 +126,11 @@ class VirtualHybridTest(TraceableModel):
     # --- response -----------------------------------------------------------------------------------------------
 
     def steps_in_sample(self, excitation: Excitation) -> int:
-        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        int
-            Fine steps of the coupling.
-        """
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`."""
         return round(excitation.dt / self.dt) * self.coupling.substeps
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            A ground motion.
-
-        Returns
-        -------
-        TimeLoop
-            Of coarse steps.
-        """
+        """Give the loop over the record; see `TraceableModel.time_loop`."""
         coupled, fine = self._joined(theta), self.coupling.substeps
         stages = excitation.stages.reshape(len(excitation.stages), -1, fine, 3)
 
@@ -180,51 +156,25 @@ class VirtualHybridTest(TraceableModel):
     # --- what others ask ----------------------------------------------------------------------------------------
 
     def recording(self, *channels: str) -> VirtualHybridTest:
-        """Return this test with other channels.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        VirtualHybridTest
-            The same test, recording them.
-        """
+        """Return this test with other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but a ground motion whose samples are a whole number of coarse steps.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is another one.
-        """
+        """Refuse anything but a ground motion whose samples are a whole number of coarse steps."""
         check_one_signal("VirtualHybridTest", excitation)
         if excitation.kind != "ground_motion":
             raise InputError("VirtualHybridTest", f"a {excitation.kind}", "a GroundMotion")
         steps = excitation.dt / self.dt
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
             raise InputError(
-                "VirtualHybridTest.dt", f"{self.dt:g} s, and the record has a sample every {excitation.dt:g} s",
-                "a whole number of coarse steps in a sample", f"Resample the record: record.resample({self.dt:g}).",
-            )  # fmt: skip
+                "VirtualHybridTest.dt",
+                f"{self.dt:g} s, and the record has a sample every {excitation.dt:g} s",
+                "a whole number of coarse steps in a sample",
+                f"Resample the record: record.resample({self.dt:g}).",
+            )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse what the specimen's model refuses; see `Model.check_priors`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The unknown parameters.
-        """
+        """Refuse what the specimen's model refuses; see `Model.check_priors`."""
         self.specimen.check_priors(space)
 
     @property
@@ -238,9 +188,17 @@ class VirtualHybridTest(TraceableModel):
         coupling = {f.name: getattr(self.coupling, f.name) for f in fields(self.coupling)}
         way = np.zeros(0) if self.way is None else np.asarray(self.way)
         return digest(
-            "VirtualHybridTest", *matrices, way, self.numerical.force.content_hash, self.specimen.content_hash, self.dt,
-            self.pieces, type(self.coupling).__name__, coupling, self.channels,
-        )  # fmt: skip
+            "VirtualHybridTest",
+            *matrices,
+            way,
+            self.numerical.force.content_hash,
+            self.specimen.content_hash,
+            self.dt,
+            self.pieces,
+            type(self.coupling).__name__,
+            coupling,
+            self.channels,
+        )
 
     def __str__(self) -> str:
         return f"VirtualHybridTest: {self.numerical} + {self.physical}, Δt {self.dt:g} s, free: {', '.join(self.free)}"

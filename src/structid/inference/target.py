@@ -282,13 +282,7 @@ class LogDensity(Target):
         return isinstance(self._initial, ParameterSpace)
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
-        """Give the density as a JAX function; see `Target.traceable`.
-
-        Returns
-        -------
-        tuple of callable and tree of arrays
-            The function, and no data.
-        """
+        """Give the density as a JAX function; see `Target.traceable`."""
         if self.backend != "jax":
             return super().traceable()
 
@@ -301,18 +295,7 @@ class LogDensity(Target):
         return in_coordinates, ()
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Log density with respect to the parameters; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            The log density.
-        """
+        """Log density with respect to the parameters; see `Target.log_density`."""
         theta = self._points(theta)
         value = self._values(theta) if self.backend == "numpy" else np.asarray(self._compiled[0](theta))
         return np.where(np.isnan(value), -np.inf, _never_infinite(value, theta))
@@ -342,18 +325,7 @@ class LogDensity(Target):
         return _never_infinite(value, theta)
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Log density in unconstrained coordinates; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density, and where it was NaN.
-        """
+        """Log density in unconstrained coordinates; see `Target.evaluate`."""
         if self.backend == "numpy":
             theta, jacobian = self.bijection(phi)
             value = self._values(theta) + jacobian
@@ -363,18 +335,7 @@ class LogDensity(Target):
         return np.where(failed, -np.inf, value), failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood, if `initial` is a parameter space (then the prior); see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log prior, log-likelihood (the density divided by the prior), and where it was NaN.
-        """
+        """Log prior and log-likelihood, if `initial` is a parameter space (then the prior); see `Target.evaluate_parts`."""
         if not isinstance(self._initial, ParameterSpace):
             return super().evaluate_parts(phi)  # refuses
         density, failed = self.evaluate(phi)
@@ -386,20 +347,7 @@ class LogDensity(Target):
         return prior, np.where(outside, -np.inf, density - np.where(outside, 0.0, prior)), failed
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw starting points; see `Target.initial`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
+        """Draw starting points; see `Target.initial`."""
         if isinstance(self._initial, ParameterSpace):
             theta = self._initial.columns(
                 self._initial.from_uniform(rng.random((count, self._initial.dimension))), self.names

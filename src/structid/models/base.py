@@ -109,6 +109,24 @@ class Model(ABC):
         Whether many runs are done in one call. A run then costs little, and nobody needs workers for it.
     guarded : bool
         Whether runs are done one by one in child processes, where they can do no harm. An executor may do several at a time.
+
+    Examples
+    --------
+    A model of many runs a call:
+
+    >>> import structid as si
+    >>> from structid.histories import Histories
+    >>> from structid.models.base import Model
+    >>> class RigidBlock(Model):
+    ...     '''Acceleration of a block that follows the ground, times a factor.'''
+    ...     batched, free, channels = True, ("factor",), ("acceleration",)
+    ...     content_hash = "rigid block"
+    ...     def run(self, theta, excitation, progress=None, map=None):
+    ...         values = theta[:, :1] * excitation.values
+    ...         return Histories(values[:, :, None], excitation.dt, self.channels, units=self.channel_units)
+    >>> record = si.GroundMotion([0.0, 1.5, 0.5], dt=0.01)
+    >>> RigidBlock().simulate([[2.0]], record).channel("acceleration")[0]
+    array([0., 3., 1.])
     """
 
     free: tuple[str, ...]

@@ -46,6 +46,20 @@ class ModelKind:
         What such a list ends with.
     moved_channel : str
         A channel with which it can be built where displacements are imposed on its structure; empty where none can be.
+
+    Examples
+    --------
+    >>> from structid.core.keys import quantity
+    >>> from structid.models.hysteretic.bouc_wen import BoucWen
+    >>> from structid.models.model_kind import ModelKind
+    >>> kind = ModelKind(
+    ...     word="linear_oscillator",
+    ...     keys={"mass": (quantity("kg"), ...), "damping_ratio": (float, 0.05)},
+    ...     build=lambda asked: BoucWen(alpha=1.0, free=asked.free, channels=asked.channels, **asked.given),
+    ...     parameters=lambda given: ("stiffness", "damping_ratio"),
+    ... )
+    >>> kind.keys["damping_ratio"]
+    (<class 'float'>, 0.05)
     """
 
     word: str

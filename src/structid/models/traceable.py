@@ -120,6 +120,23 @@ class TraceableModel(Model):
         Name of the setting that says how many integration steps are made; empty for a model whose steps are not counted.
     substeps : int
         Integration steps per sample.
+
+    Examples
+    --------
+    The same response as a JAX function, which brings gradients:
+
+    >>> import structid as si
+    >>> from structid.models.traceable import TraceableModel
+    >>> class RigidBlock(TraceableModel):
+    ...     '''Acceleration of a block that follows the ground, times a factor.'''
+    ...     free, channels, content_hash = ("factor",), ("acceleration",), "rigid block"
+    ...     loops, substeps = False, 1
+    ...     def response(self, theta, excitation):
+    ...         ground = excitation.stages[: excitation.samples, 0, 0]
+    ...         return ground[:, None, None] * theta[:, 0], theta[:, 0] > 0.0
+    >>> record = si.GroundMotion([0.0, 1.5, 0.5], dt=0.01)
+    >>> RigidBlock().simulate([[2.0]], record).channel("acceleration")[0]
+    array([0., 3., 1.])
     """
 
     traceable: ClassVar[bool] = True
@@ -255,25 +272,7 @@ class TraceableModel(Model):
         progress: Progress | None = None,
         map: Map | None = None,
     ) -> Histories:
-        """Run rows of parameters in batches, distributed over the machine's cores.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        progress : callable, optional
-            Called with the number of finished runs and the total.
-        map : callable, optional
-            Not used.
-
-        Returns
-        -------
-        Histories
-            ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
-            has its time of failure, and NaN from there on. So is one whose integration steps are too long; it has no values.
-        """
+        """Run rows of parameters in batches, distributed over the machine's cores."""
         traced, parts = self.traced(excitation), []
         for start in range(0, len(theta), LARGEST_BATCH):
             parts.append(self._compiled_response(theta[start : start + LARGEST_BATCH], traced))

@@ -247,12 +247,19 @@ class Marginal:
         """
         return {
             "family": self.family,
-            "scipy": [self.base.dist.name, [float(a) for a in self.base.args], {k: float(v) for k, v in self.base.kwds.items()}],
-            "numpyro": [self.family if self.parameters else "", self.parameters],  # called so by the first layout of stores
+            "scipy": [
+                self.base.dist.name,
+                [float(a) for a in self.base.args],
+                {k: float(v) for k, v in self.base.kwds.items()},
+            ],
+            "numpyro": [
+                self.family if self.parameters else "",
+                self.parameters,
+            ],  # called so by the first layout of stores
             "low": self.low,
             "high": self.high,
             "unit": self.unit,
-        }  # fmt: skip
+        }
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> Marginal:

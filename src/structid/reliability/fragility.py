@@ -173,9 +173,15 @@ class Fragility(ShownAsText):
         fitted = scipy.stats.norm.cdf(np.log(at / self.curve[0]) / self.curve[1])
         words = f"Φ(ln(a/{self.curve[0]:.3g}) / {self.curve[1]:.2f})"
         return figures.curve(
-            self.levels, self.of_each, self.probability, self.error, self.band(), (at, fitted, *self.curve_band(at)), words,
+            self.levels,
+            self.of_each,
+            self.probability,
+            self.error,
+            self.band(),
+            (at, fitted, *self.curve_band(at)),
+            words,
             save=save,
-        )  # fmt: skip
+        )
 
     def __str__(self) -> str:
         lines = [

@@ -134,9 +134,16 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
     value, coordinates = predicted(theta), coordinates_of(space, theta)
     alone = np.array([_alone(column, value) for column in coordinates.T])
     return Sensitivity(
-        space.names, first, total, first_error, total_error,
-        coordinate_names(space), alone, float(fitted.leave_one_out_error[0]), fitted,
-    )  # fmt: skip
+        space.names,
+        first,
+        total,
+        first_error,
+        total_error,
+        coordinate_names(space),
+        alone,
+        float(fitted.leave_one_out_error[0]),
+        fitted,
+    )
 
 
 def _sobol_indices(

@@ -67,6 +67,18 @@ class Section(Generic[M]):
         What the reader must know here where model or error model are wrong for the data; empty where this does not matter.
     of_draws : bool
         Whether it shows draws, which are worth nothing where the sampler has not converged.
+
+    Examples
+    --------
+    >>> from structid.report.section import Section, Table
+    >>> section = Section(
+    ...     "draws",
+    ...     "How many draws there are",
+    ...     drawings=lambda material: [],
+    ...     tables=lambda material: [Table("Draws", (["count"], [[str(len(material.result.flat))]]))],
+    ... )
+    >>> section.key
+    'draws'
     """
 
     key: str

@@ -157,8 +157,21 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     if plan is not None and posterior is not None and file.surrogate.kind != "none":
         plan = plan.sized(posterior, surrogate_settings(file.surrogate))
     study = BuiltStudy(
-        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan, loop,
-    )  # fmt: skip
+        file,
+        folder,
+        raw,
+        record,
+        space,
+        model,
+        design,
+        campaign_records,
+        posterior,
+        sampler,
+        tuple(truths),
+        others,
+        plan,
+        loop,
+    )
     study = replace(study, plans=_planned(study))
     _check_something_is_asked(study)
     check_before_anything_is_written(study)

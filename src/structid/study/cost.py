@@ -312,9 +312,11 @@ def _seconds_per_run(study: BuiltStudy, batch: int, repeats: int) -> list[float]
         seconds.append((time.perf_counter() - began) / batch)
         if all(Status(status).run_failed for status in histories.status):
             raise InputError(
-                "model", f"its trial run {Status(histories.status[0]).words}: {histories.reasons[0]}",
-                "a model that runs at a draw from the priors", "Correct the model, its files or the priors.",
-            )  # fmt: skip
+                "model",
+                f"its trial run {Status(histories.status[0]).words}: {histories.reasons[0]}",
+                "a model that runs at a draw from the priors",
+                "Correct the model, its files or the priors.",
+            )
         if seconds[0] * batch > SLOW:
             return seconds * 2
     return seconds

@@ -50,9 +50,11 @@ def rebuilt(folder: Path, file: StudyFile, identity: dict[str, Any]) -> BuiltStu
     """Rebuild the study that was sampled in a folder."""
     if not (has_draws(folder) or (stands_alone(file) and not file.observation)):
         raise InputError(
-            f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
+            f"{folder}",
+            "its sampling has not begun",
+            "a folder that structid run has finished",
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
-        )  # fmt: skip
+        )
     study = build(file, folder / INPUTS, Path(identity["folder"]))
     compare_identity(folder, identity["study"], study.identity)
     return study
@@ -82,8 +84,11 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
         write_then_rename(folder / STUDY, study_text(path).encode())
     inputs = _keep_inputs(study, folder)
     identity = {
-        "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
-    }  # fmt: skip
+        "study": study.identity,
+        "name": study.file.name,
+        "inputs": inputs,
+        "folder": str(study.folder),
+    }
     write_then_rename(identity_file, json.dumps(identity, indent=2).encode())
 
 

@@ -95,6 +95,20 @@ class Surrogate(TraceableModel, StandIn):
     ----------
     validation : Validation or None
         What the last call of `validate` found.
+
+    Examples
+    --------
+    A fitted surrogate is a model, with an error of its own; `tests/architecture/trial/new_surrogate.py` is a complete one.
+
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Uniform(5e6, 9e6))
+    >>> model = si.BoucWen(mass=12e3, damping_ratio=0.03, alpha=0.05, beta=60.0, gamma=60.0, free=space.names)
+    >>> record = si.GroundMotion.synthetic(seed=1).trim(0.0, 4.0)
+    >>> surrogate = si.PODKriging().fit(si.Campaign(model, record, space.sample(20, seed=1)).run())
+    >>> surrogate.simulate([[7e6]], record).values.shape
+    (1, 401, 1)
+    >>> surrogate.error < 0.01
+    True
     """
 
     substeps = 1
@@ -111,18 +125,7 @@ class Surrogate(TraceableModel, StandIn):
 
     @abstractmethod
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation the surrogate knows nothing about.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is of another kind or step, or another record where only the fitted ones will do.
-        """
+        """Refuse an excitation the surrogate knows nothing about."""
 
     @abstractmethod
     def standard_deviation(
@@ -206,20 +209,7 @@ class Surrogate(TraceableModel, StandIn):
         return self.fitted.error if self.validation is None else self.validation.mean
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check the excitation, and say which points lie outside the range of the design.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-        excitation : Excitation
-            What drives them.
-
-        Raises
-        ------
-        InputError
-            If the excitation is not one the surrogate knows, or points lie outside and are to be refused.
-        """
+        """Check the excitation, and say which points lie outside the range of the design."""
         self.check_excitation(excitation)
         if not np.isfinite(theta).all():
             bad = int(np.count_nonzero(~np.isfinite(theta).all(axis=1)))
@@ -240,18 +230,7 @@ class Surrogate(TraceableModel, StandIn):
         )
 
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Say which points lie outside the range of the design.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        ndarray of bool, shape (run,)
-            True where some parameter is below or above everything the surrogate was fitted to.
-        """
+        """Say which points lie outside the range of the design."""
         return np.asarray(self._beyond(theta))
 
     def _beyond(self, theta: Any) -> Any:
@@ -385,13 +364,7 @@ class Surrogate(TraceableModel, StandIn):
         self.trusted = True
 
     def check_fitness(self) -> None:
-        """Refuse to be used in a posterior if the error exceeds the limit.
-
-        Raises
-        ------
-        InputError
-            If the validated error, or the one estimated while fitting, exceeds `Fit.limit`, and `trust` has not been called.
-        """
+        """Refuse to be used in a posterior if the error exceeds the limit."""
         if self.trusted or self.error <= self.fitted.limit:
             return
         source = "estimated while fitting" if self.validation is None else "on the validation runs"
@@ -420,13 +393,7 @@ class Surrogate(TraceableModel, StandIn):
         return other
 
     def search_range(self) -> dict[str, tuple[float, float]]:
-        """Range of the design: beyond it little is known of the model, and a search would lose its way.
-
-        Returns
-        -------
-        dict of str to tuple of float
-            Smallest and largest value of each parameter, in SI.
-        """
+        """Range of the design: beyond it little is known of the model, and a search would lose its way."""
         edges = zip(self.free, self.fitted.low, self.fitted.high, strict=True)
         return {name: (float(low), float(high)) for name, low, high in edges}
 

@@ -82,9 +82,11 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
         values = _known_samples(batch)
         if not all(np.isfinite(v).all() for v in values):
             raise InputError(
-                where, "histories with values that are not finite in runs said to be done", "finite numbers",
+                where,
+                "histories with values that are not finite in runs said to be done",
+                "finite numbers",
                 "Set their status, so that they are left out.",
-            )  # fmt: skip
+            )
         spread = np.maximum(spread, np.max([np.ptp(v, axis=0) for v in values], axis=0))
     constant = [c for c, s in zip(done.channels, spread, strict=True) if s == 0.0]
     if constant:

@@ -43,9 +43,11 @@ def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray,
     """Check the data a regression is fitted to."""
     if not isinstance(design, Design):
         raise InputError(
-            where, f"a {type(design).__name__}", "a Design: points with their space",
+            where,
+            f"a {type(design).__name__}",
+            "a Design: points with their space",
             "Make one with space.sample(500, seed=1) or Design(points, space).",
-        )  # fmt: skip
+        )
     theta = _checked_points(where, design.values, design.space.dimension, design.names)
     outputs = np.asarray(values, dtype=np.float64)
     outputs = outputs[:, None] if outputs.ndim == 1 else outputs
@@ -56,9 +58,11 @@ def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray,
     bad = np.flatnonzero(~np.isfinite(outputs).all(axis=1))
     if len(bad):
         raise InputError(
-            where, f"{len(bad)} rows that are not finite, the first of them row {bad[0]}", "finite numbers",
+            where,
+            f"{len(bad)} rows that are not finite, the first of them row {bad[0]}",
+            "finite numbers",
             "Leave failed runs out.",
-        )  # fmt: skip
+        )
     if len(theta) < FEWEST_TRAINING_RUNS:
         raise InputError(where, f"{len(theta)} runs", f"{FEWEST_TRAINING_RUNS} or more")
     _check_varying(where, outputs)
@@ -84,6 +88,8 @@ def _check_varying(where: str, outputs: np.ndarray) -> None:
     constant = np.flatnonzero(ranges <= 1e-14 * np.abs(outputs).max(axis=0))
     if len(constant):
         raise InputError(
-            where, f"output {constant[0]}, which is {outputs[0, constant[0]]:g} in every run", "outputs that vary",
+            where,
+            f"output {constant[0]}, which is {outputs[0, constant[0]]:g} in every run",
+            "outputs that vary",
             "Leave it out: there is nothing to fit.",
-        )  # fmt: skip
+        )

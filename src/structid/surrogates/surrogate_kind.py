@@ -27,6 +27,15 @@ class SurrogateKind:
         Makes the settings from the keys that a file gives; the class itself when left out.
     unused : mapping of (str, str) to tuple of str
         Of a key and a value that it may have: other keys, which then change nothing.
+
+    Examples
+    --------
+    >>> from structid.surrogates.pod.pod_kriging import PODKriging
+    >>> from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+    >>> from structid.surrogates.surrogate_kind import SurrogateKind
+    >>> kind = SurrogateKind(PODKriging, ResponseSpaceSurrogate, "kriging_of_components", {"left_out_energy": float})
+    >>> kind.made({"left_out_energy": 1e-6}).left_out_energy
+    1e-06
     """
 
     settings: type[Any]

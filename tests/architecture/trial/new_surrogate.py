@@ -34,9 +34,22 @@ class QuadraticResponse:
         coefficients, *_ = np.linalg.lstsq(features, flat, rcond=None)
         error = ((flat - features @ coefficients) ** 2).sum() / ((flat - flat.mean(axis=1, keepdims=True)) ** 2).sum()
         fit = Fit(
-            "QuadraticResponse", asdict(self), done.design.space, done.channels, kind, dt, low, high, len(done), left_out,
-            float(error), self.limit, self.outside, 0.0, run_digests(done),
-        )  # fmt: skip
+            "QuadraticResponse",
+            asdict(self),
+            done.design.space,
+            done.channels,
+            kind,
+            dt,
+            low,
+            high,
+            len(done),
+            left_out,
+            float(error),
+            self.limit,
+            self.outside,
+            0.0,
+            run_digests(done),
+        )
         return FittedQuadratic(fit, coefficients.reshape(-1, *done.values.shape[1:]))
 
 

@@ -378,7 +378,7 @@ def test_a_calibration_notices_a_solver_with_noise(measured, space, tmp_path):
         (draws(), lambda x: np.where(x[:, 0] > TRUTH[0], normal()(x), -np.inf), "not finite at .* of 4000 draws"),
         ("nowhere.nc", None, "no file nowhere.nc"),
     ],
-)  # fmt: skip
+)
 def test_what_bad_input_gets(given, density, words):
     with pytest.raises(InputError, match=words):
         si.certify(posterior(), given, density)

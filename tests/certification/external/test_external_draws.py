@@ -126,7 +126,7 @@ def test_tables_of_text(text, tmp_path):
         ([[1.0, 2.0], [3.0]], "no array"),
         (STRUCTURED[["beta"]], "There are none of stiffness"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_taken_is_refused(draws, words):
     with pytest.raises(InputError, match=words):
         draws_of(draws, NAMES, UNITS)

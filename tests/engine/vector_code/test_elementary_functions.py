@@ -32,15 +32,23 @@ def in_lanes(function):
 
 NEAR_ONE = 1.0 + 1e-3 * RNG.normal(size=20_000)
 CASES = {
-    "exp": (jnp.exp, np.exp, np.concatenate([RNG.uniform(-707.0, 709.7, 50_000), RNG.normal(size=50_000), [0.0, 1e-320]])),
+    "exp": (
+        jnp.exp,
+        np.exp,
+        np.concatenate([RNG.uniform(-707.0, 709.7, 50_000), RNG.normal(size=50_000), [0.0, 1e-320]]),
+    ),
     "log": (jnp.log, np.log, np.concatenate([np.exp(RNG.uniform(-700.0, 700.0, 50_000)), NEAR_ONE, [5e-324, 1e-310]])),
-    "log1p": (jnp.log1p, np.log1p, np.concatenate([RNG.uniform(-0.9, 5.0, 50_000), 1e-9 * RNG.normal(size=20_000), [0.0]])),
+    "log1p": (
+        jnp.log1p,
+        np.log1p,
+        np.concatenate([RNG.uniform(-0.9, 5.0, 50_000), 1e-9 * RNG.normal(size=20_000), [0.0]]),
+    ),
     "sqrt": (jnp.sqrt, np.sqrt, RNG.uniform(0.0, 1e6, 10_000)),
     "sin": (jnp.sin, np.sin, RNG.uniform(0.1, 3.0, 10_000)),
     "x**7": (lambda x: x**7, lambda x: x**7, RNG.normal(size=10_000)),
     "x**2.5": (lambda x: x**2.5, lambda x: x ** np.longdouble(2.5), RNG.uniform(0.1, 10.0, 10_000)),
     "logistic": (jax.nn.sigmoid, lambda x: 1.0 / (1.0 + np.exp(-x)), RNG.uniform(-30.0, 30.0, 10_000)),
-}  # fmt: skip
+}
 LOOSER = {"x**7": 4.0, "x**2.5": 20.0, "logistic": 2.0, "log1p": 2.0}
 """Functions made of several others."""
 

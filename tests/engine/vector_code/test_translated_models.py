@@ -107,9 +107,17 @@ def test_everything_free():
 def test_every_channel_of_a_frame(damping, excitation):
     channels = ["base_shear", *(f"{channel}_{storey}" for channel in STOREY_CHANNELS for storey in (1, 2))]
     frame = si.ShearFrame(
-        storeys=2, mass=12_000.0, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=0.5, delta_nu=1.0, damping=damping,
-        free=("stiffness",), channels=channels,
-    )  # fmt: skip
+        storeys=2,
+        mass=12_000.0,
+        damping_ratio=0.03,
+        alpha=0.05,
+        beta=63.0,
+        gamma_ratio=0.5,
+        delta_nu=1.0,
+        damping=damping,
+        free=("stiffness",),
+        channels=channels,
+    )
     signal = EXCITATIONS[excitation]
     compared(frame, signal, RNG.uniform(7e6, 8e6, (3, 1)))
 
@@ -120,9 +128,14 @@ MODEL = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",))
 SPACE = si.ParameterSpace(stiffness=si.LogNormal(mean=7.6e6, sd=5e5))
 MEASURED = MODEL.simulate(np.array([[7.5e6]]), GROUND).values[0, :, 0] + 0.002 * RNG.normal(size=150)
 LAWS_OF_ERROR = {
-    "IID": si.IID(), "known variance": si.IID(variance=4e-6), "AR1": si.AR1(), "Matern32": si.Matern32(),
-    "DampedCosine": si.DampedCosine(), "Drifting": si.Drifting(), "Drifting beside AR1": si.Drifting(0.7, si.AR1()),
-}  # fmt: skip
+    "IID": si.IID(),
+    "known variance": si.IID(variance=4e-6),
+    "AR1": si.AR1(),
+    "Matern32": si.Matern32(),
+    "DampedCosine": si.DampedCosine(),
+    "Drifting": si.Drifting(),
+    "Drifting beside AR1": si.Drifting(0.7, si.AR1()),
+}
 NUISANCES = {"gain": dict(gain=si.LogNormal(mean=1.0, sd=0.1)), "offset": dict(offset=si.Normal(0.0, 0.01))}
 
 

@@ -336,13 +336,16 @@ READING, NO_NUMBER = np.array([0.1, 0.2]).tobytes(), np.array([0.0, np.nan]).tob
 ANSWERS = {
     "silence": (lambda c, key, f: time.sleep(0.4), "silent"),
     "a wrong tag": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 1, READING), b"wrong")), "tag is wrong"),
-    "an old number": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 0, READING), key)), "answer to MOVE 1 was READING 0"),
+    "an old number": (
+        lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 0, READING), key)),
+        "answer to MOVE 1 was READING 0",
+    ),
     "another kind": (lambda c, key, f: c.sendall(packed(Frame(Kind.PONG, 1), key)), "was PONG"),
     "not a number": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 1, NO_NUMBER), key)), "not finite"),
     "too long": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 1, READING + READING), key)), "32 bytes"),
     "a closed door": (lambda c, key, f: None, "closed the connection"),
     "garbage": (lambda c, key, f: c.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n"), "does not speak this protocol"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", ANSWERS)

@@ -127,9 +127,13 @@ def test_it_goes_on_from_test_to_test():
 def test_what_it_cannot_follow():
     with pytest.raises(InputError, match="one spring"):
         wall = MasonryWall(
-            normal_energy=15.0, normal_strength=0.2e6, tangential_energy=150.0, joint_law="damage-friction", friction=0.6,
+            normal_energy=15.0,
+            normal_strength=0.2e6,
+            tangential_energy=150.0,
+            joint_law="damage-friction",
+            friction=0.6,
             free=("tangential_strength",),
-        )  # fmt: skip
+        )
         UnscentedFilter(wall, ParameterSpace(tangential_strength=Uniform(1e5, 1e6)), NOISE)
     with pytest.raises(InputError, match="positive noise"):
         UnscentedFilter(filtering().model, space(), 0.0)

@@ -155,8 +155,18 @@ def test_another_name_for_this_machine_is_refused(page):
 def test_in_a_browser(page):
     address, _ = page
     found = subprocess.run(
-        ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=6000", "--dump-dom", address],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [
+            "chromium",
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=6000",
+            "--dump-dom",
+            address,
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert "Test 3: 0.87 s of 1.00 s" in found.stdout
     assert 'id="loop0"' in found.stdout and "<td>displacement</td>" in found.stdout

@@ -104,9 +104,13 @@ def test_bad_reductions_are_refused():
 
 def typical_wall(**settings):
     joints = {
-        "normal_energy": 15.0, "normal_strength": 0.2e6, "tangential_energy": 150.0, "tangential_strength": 0.3e6,
-        "joint_law": "damage-friction", "friction": 0.65,
-    }  # fmt: skip
+        "normal_energy": 15.0,
+        "normal_strength": 0.2e6,
+        "tangential_energy": 150.0,
+        "tangential_strength": 0.3e6,
+        "joint_law": "damage-friction",
+        "friction": 0.65,
+    }
     return MasonryWall(**joints | settings)
 
 

@@ -97,9 +97,16 @@ def test_what_cannot_drift_is_refused():
 def scattered(law, replicas):
     """Means and sds of the stiffness of structures that degrade, found by a model that does not, over records."""
     truth = si.BoucWen(
-        mass=12_000.0, damping_ratio=0.03, stiffness=7.2e6, gamma_ratio=0.4, beta=60.0, alpha=0.06, delta_nu=1.0, delta_eta=3.0,
+        mass=12_000.0,
+        damping_ratio=0.03,
+        stiffness=7.2e6,
+        gamma_ratio=0.4,
+        beta=60.0,
+        alpha=0.06,
+        delta_nu=1.0,
+        delta_eta=3.0,
         substeps=1,
-    )  # fmt: skip
+    )
     found = []
     for seed in range(replicas):
         record = si.GroundMotion.synthetic(seed=seed).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(1.8)

@@ -41,7 +41,10 @@ def with_gap(values):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (NOISY + 0.05 * PEAK, r"in the 2 s before the record begins, 5% of its peak\. Is it an offset of the instrument"),
+        (
+            NOISY + 0.05 * PEAK,
+            r"in the 2 s before the record begins, 5% of its peak\. Is it an offset of the instrument",
+        ),
         (NOISY + 2.0 * PEAK, r"times its standard deviation\. Is it an offset"),
         (np.abs(COUNTED), r"times its standard deviation\. Is it an offset"),
         (np.full(len(CLEAN), 0.3), r"The measured velocity is 300 mm/s throughout\. Was the sensor dead"),
@@ -51,7 +54,7 @@ def with_gap(values):
         (RECORD.time, r"is a straight line from 0 to .* Is it the column of the times"),
         (np.round(RECORD.time, 3), "is a straight line"),
     ],
-)  # fmt: skip
+)
 def test_what_is_asked_about(values, words):
     assert re.search(words, asked(values)), asked(values)
 

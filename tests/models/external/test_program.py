@@ -38,9 +38,14 @@ def program(tmp_path):
     def make(kind="good", columns={"velocity": "velocity"}, **settings):  # noqa: B006
         output = settings.pop("output", None) or si.OutputFile("out.csv", columns)
         return si.ProgramModel(
-            [sys.executable, "{{ folder }}/solver.py", kind], ("stiffness",), output, {"input.txt": "input.j2"},
-            folder=tmp_path, scratch=tmp_path / "scratch", **settings,
-        )  # fmt: skip
+            [sys.executable, "{{ folder }}/solver.py", kind],
+            ("stiffness",),
+            output,
+            {"input.txt": "input.j2"},
+            folder=tmp_path,
+            scratch=tmp_path / "scratch",
+            **settings,
+        )
 
     return make
 

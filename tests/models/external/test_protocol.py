@@ -94,9 +94,12 @@ def test_a_program_says_it_by_its_exit_code(tmp_path):
     )
     for code, status in ((7, si.Status.STRUCTURE_FAILED), (3, si.Status.FAILED)):
         program = si.ProgramModel(
-            ["python3", str(tmp_path / "solver.py"), "{{ strength }}", str(code)], ("strength",),
-            si.OutputFile("out.csv", {"velocity": "velocity"}), scratch=tmp_path / "scratch", structure_failed_exit_code=7,
-        )  # fmt: skip
+            ["python3", str(tmp_path / "solver.py"), "{{ strength }}", str(code)],
+            ("strength",),
+            si.OutputFile("out.csv", {"velocity": "velocity"}),
+            scratch=tmp_path / "scratch",
+            structure_failed_exit_code=7,
+        )
         found = program.simulate([[0.5]], RECORD)
         assert found.status[0] == status and "drift beyond 5 %" in found.reasons[0]
         assert np.isfinite(found.values[0, :30]).all() and np.isnan(found.values[0, 30:]).all()

@@ -44,16 +44,20 @@ ANSWERS = {
     "null of a careful server": (200, OUTPUT % "null", Status.DIVERGED, "not finite from 0.02 s on"),
     "infinity": (200, OUTPUT % "inf", Status.DIVERGED, "not finite from 0.02 s on"),
     "an error of the protocol": (
-        400, '{"error": {"type": "InvalidInput", "message": "stiffness must be positive"}}', Status.FAILED,
+        400,
+        '{"error": {"type": "InvalidInput", "message": "stiffness must be positive"}}',
+        Status.FAILED,
         "answered with an error: InvalidInput: stiffness must be positive",
     ),
     "a page": (
-        500, "<html><body><h1>500 Internal</h1> matrix is <b>singular</b></body></html>", Status.FAILED,
+        500,
+        "<html><body><h1>500 Internal</h1> matrix is <b>singular</b></body></html>",
+        Status.FAILED,
         "answered to Evaluate with HTTP status 500: 500 Internal matrix is singular",
     ),
     "nothing": (503, "", Status.FAILED, "HTTP status 503: nothing"),
-    "another thing": (200, '{"result": 1}', Status.FAILED, "HTTP status 200: {\"result\": 1}"),
-}  # fmt: skip
+    "another thing": (200, '{"result": 1}', Status.FAILED, 'HTTP status 200: {"result": 1}'),
+}
 
 
 @pytest.mark.parametrize("case", ANSWERS)

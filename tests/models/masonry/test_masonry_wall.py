@@ -186,9 +186,12 @@ def el_centro(folder):
     return record.scale_to_pga(6.36).trim(1.0, 3.5)
 
 
-HARD = np.vstack([
-    np.array([1.12929502e3, 1.13005280e6, 4.93599522e5, 3.45668213e6]) * (1.0 + 1e-4 * np.arange(7))[:, None], STIFF,
-])  # fmt: skip
+HARD = np.vstack(
+    [
+        np.array([1.12929502e3, 1.13005280e6, 4.93599522e5, 3.45668213e6]) * (1.0 + 1e-4 * np.arange(7))[:, None],
+        STIFF,
+    ]
+)
 """Most but the last find no equilibrium at 1.4 s in steps of 10 ms; which, the last digits decide, and so the processor does."""
 
 

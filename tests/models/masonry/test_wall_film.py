@@ -80,9 +80,10 @@ def test_von_mises_strain_does_not_depend_on_the_axes():
     x, y, shear = rng.normal(size=(3, 50))
     c, s = np.cos(0.7), np.sin(0.7)
     turned = (
-        c * c * x + s * s * y + c * s * shear, s * s * x + c * c * y - c * s * shear,
+        c * c * x + s * s * y + c * s * shear,
+        s * s * x + c * c * y - c * s * shear,
         2.0 * c * s * (y - x) + (c * c - s * s) * shear,
-    )  # fmt: skip
+    )
     np.testing.assert_allclose(von_mises_strain(*turned), von_mises_strain(x, y, shear), rtol=1e-12)
 
 

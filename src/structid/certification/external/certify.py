@@ -146,9 +146,15 @@ def certify(
     inside = np.isfinite(chosen.log_drawn)
     judges = chosen.inside
     fresh = FreshDraws(
-        judges.theta, posterior.compared(judges.theta), log_true[inside], judges.log_drawn, judges.shares,
-        posterior.compared(drawn.population), drawn.highest, truth.impossible[-len(chosen.theta) :][inside],
-    )  # fmt: skip
+        judges.theta,
+        posterior.compared(judges.theta),
+        log_true[inside],
+        judges.log_drawn,
+        judges.shares,
+        posterior.compared(drawn.population),
+        drawn.highest,
+        truth.impossible[-len(chosen.theta) :][inside],
+    )
     others = known
     if posterior.knows_prior and np.isfinite(log_true).any():
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
@@ -164,9 +170,18 @@ def certify(
 
 
 def _judged(
-    drawn: DrawnDensity, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
-    limits: Limits, doubts: tuple[str, ...], against: tuple[str, ...], rng: np.random.Generator,
-) -> Certificate:  # fmt: skip
+    drawn: DrawnDensity,
+    judges: Chosen,
+    fresh: FreshDraws,
+    others: Points,
+    truth: Truth,
+    teaching: int,
+    look: int,
+    limits: Limits,
+    doubts: tuple[str, ...],
+    against: tuple[str, ...],
+    rng: np.random.Generator,
+) -> Certificate:
     """Certify by the weights of the draws; if these do not decide, by the correction, after further training runs."""
     names, before = drawn.posterior.compared_names, truth.count
     near = _within_reach(drawn, fresh, others, limits)

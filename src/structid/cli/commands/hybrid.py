@@ -53,11 +53,16 @@ def hybrid(
     try:
         with _live(out, live_port) if show else nullcontext():
             outcome = run_programme(
-                study, out, address=specimen, secret=secret, resume=resume, stage=stage,
+                study,
+                out,
+                address=specimen,
+                secret=secret,
+                resume=resume,
+                stage=stage,
                 watching=lambda name, test: screen.print(
                     f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
                 ),
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
         errors.print("\nStopped. Every finished step is on disk.", style="yellow")
         raise typer.Exit(FAILED) from None

@@ -26,15 +26,20 @@ def specimen(
 
     served = load_programme(study).specimen()
     server = SpecimenServer(
-        served, secret_of(secret_file), host=host, port=port, releases=not hold,
+        served,
+        secret_of(secret_file),
+        host=host,
+        port=port,
+        releases=not hold,
         log=lambda said: screen.print(said, markup=False, soft_wrap=True),
-    )  # fmt: skip
+    )
     if host not in ("127.0.0.1", "localhost", "::1"):
         screen.print(
             f"Whoever knows the secret can move this specimen from any machine that reaches {host}. Messages are signed, "
             "not hidden.",
-            style="bold red", soft_wrap=True,
-        )  # fmt: skip
+            style="bold red",
+            soft_wrap=True,
+        )
     screen.print(f"Serving {served.describe().name} at {server.address} (Ctrl-C stops)", markup=False, soft_wrap=True)
     try:
         server.serve()

@@ -14,9 +14,18 @@ from structid.engine.vector_code.primitives import ARRANGEMENT, Array, Untransla
 from structid.engine.vector_code.registers import Number
 
 UFUNCS: dict[str, np.ufunc] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
-    "abs": np.abs, "exp": np.exp, "log": np.log, "gt": np.greater, "lt": np.less,
-}  # fmt: skip
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "exp": np.exp,
+    "log": np.log,
+    "gt": np.greater,
+    "lt": np.less,
+}
 
 IN_NUMPY: dict[str, Callable[..., Any]] = {
     **{name: functools.partial(lambda ufunc, _, *arrays: ufunc(*arrays), ufunc) for name, ufunc in UFUNCS.items()},

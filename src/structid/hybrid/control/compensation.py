@@ -124,35 +124,11 @@ class PolynomialExtrapolation(Compensation):
         return np.array([(-1.0) ** i * comb(self.order + 1, i + 1) for i in range(self.order + 1)])
 
     def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
-        """Start for a test; see `Compensation.begin`.
-
-        Parameters
-        ----------
-        channels : int
-            Of the specimen.
-        controller_step, time_scale : float
-            T_c [s], λ.
-
-        Returns
-        -------
-        Compensator
-            That has been at zero for ever.
-        """
+        """Start for a test; see `Compensation.begin`."""
         return _Extrapolator(self.weights, self.delay / controller_step, channels)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Give Σ_k a_k e^(−ikωτ′), with the delay τ′ that it was made for; see `Compensation.gain`.
-
-        Parameters
-        ----------
-        omega, delay : float
-            ω [rad/s], τ [s].
-
-        Returns
-        -------
-        complex
-            The gain.
-        """
+        """Give Σ_k a_k e^(−ikωτ′), with the delay τ′ that it was made for; see `Compensation.gain`."""
         turns = np.exp(-1j * omega * self.delay * np.arange(self.order + 1))
         return complex(self.weights @ turns)
 
@@ -232,35 +208,11 @@ class AdaptiveTimeSeries(Compensation):
             raise InputError("AdaptiveTimeSeries.amplitudes", f"{self.amplitudes!r}", "a range around 1")
 
     def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
-        """Start for a test; see `Compensation.begin`.
-
-        Parameters
-        ----------
-        channels : int
-            Of the specimen.
-        controller_step, time_scale : float
-            T_c [s], λ.
-
-        Returns
-        -------
-        Compensator
-            With the measured delay.
-        """
+        """Start for a test; see `Compensation.begin`."""
         return _Adapting(self, channels, controller_step, time_scale)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Give 1 + τ D₁(ω) + ½ τ² D₂(ω), of a series that has found the delay; see `Compensation.gain`.
-
-        Parameters
-        ----------
-        omega, delay : float
-            ω [rad/s], τ [s].
-
-        Returns
-        -------
-        complex
-            The gain, with what the derivatives of the cubic make of a harmonic motion, D₁ ≈ iω and D₂ ≈ −ω².
-        """
+        """Give 1 + τ D₁(ω) + ½ τ² D₂(ω), of a series that has found the delay; see `Compensation.gain`."""
         spacing = self.delay
         turns = np.exp(-1j * omega * spacing * np.arange(4))
         share = delay / spacing

@@ -50,9 +50,11 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
     count = wall_time / controller_step
     if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
         raise InputError(
-            what, f"{wall_time:g} s of wall time, {count:g} controller steps of {controller_step:g} s",
-            "a whole number of controller steps, one or more", "Change the time scale, the step or the number of substeps.",
-        )  # fmt: skip
+            what,
+            f"{wall_time:g} s of wall time, {count:g} controller steps of {controller_step:g} s",
+            "a whole number of controller steps, one or more",
+            "Change the time scale, the step or the number of substeps.",
+        )
     return round(count)
 
 

@@ -182,10 +182,11 @@ def splittings(
     rows = len(numerical.interface), len(physical.interface)
     if rows[0] != rows[1] or rows[0] == 0:
         raise InputError(
-            "interface", f"{rows[0]} rows in {numerical.name}, {rows[1]} in {physical.name}",
+            "interface",
+            f"{rows[0]} rows in {numerical.name}, {rows[1]} in {physical.name}",
             "the same number in both, and one or more",
             "The k-th of one part meets the k-th of the other.",
-        )  # fmt: skip
+        )
     if not (np.isfinite(dt) and dt > 0.0):
         raise InputError("dt", f"{dt!r}", "a positive time in seconds")
     signs = {"numerical": 1.0, "physical": -1.0}
@@ -201,7 +202,9 @@ def inverse_of(operator: Float[np.ndarray, "interface interface"]) -> Float[np.n
     """Invert an interface operator."""
     if np.linalg.cond(operator) > WORST_CONDITION:
         raise InputError(
-            "interface", f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",
-            "rows of L that are independent in each part", "Take out a row that repeats another, or that no mass stands behind.",
-        )  # fmt: skip
+            "interface",
+            f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",
+            "rows of L that are independent in each part",
+            "Take out a row that repeats another, or that no mass stands behind.",
+        )
     return np.asarray(np.linalg.inv(operator))

@@ -32,9 +32,14 @@ def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
     omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])
     damping = 2.0 * DAMPING_RATIO / omega * initial
     return ShearFrame(
-        storeys=2, mass=MASS, stiffness=STIFFNESS, damping_ratio=DAMPING_RATIO, damping=damping, **law,
+        storeys=2,
+        mass=MASS,
+        stiffness=STIFFNESS,
+        damping_ratio=DAMPING_RATIO,
+        damping=damping,
+        **law,
         channels=("displacement_1", "displacement_2"),
-    )  # fmt: skip
+    )
 
 
 def pulse(time: np.ndarray) -> np.ndarray:

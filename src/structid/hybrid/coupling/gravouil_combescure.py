@@ -50,20 +50,7 @@ class GravouilCombescure(Coupling):
     """
 
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtFineSteps:
-        """Prepare two parts; see `Coupling.joined`.
-
-        Parameters
-        ----------
-        numerical, physical : Substructure
-            The parts.
-        dt : float
-            Δt [s].
-
-        Returns
-        -------
-        JoinedAtFineSteps
-            The coupled structure.
-        """
+        """Prepare two parts; see `Coupling.joined`."""
         coarse, fine = splittings(numerical, physical, dt, self)
         return JoinedAtFineSteps(coarse, fine, self.fine == "physical", self.substeps)
 

@@ -63,20 +63,7 @@ class PrakashHjelmstad(Coupling):
             raise InputError("PrakashHjelmstad.alpha", f"{self.alpha:g}", "a number from -1/3 to 0")
 
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtCoarseSteps:
-        """Prepare two parts; see `Coupling.joined`.
-
-        Parameters
-        ----------
-        numerical, physical : Substructure
-            The parts.
-        dt : float
-            Δt [s].
-
-        Returns
-        -------
-        JoinedAtCoarseSteps
-            The coupled structure.
-        """
+        """Prepare two parts; see `Coupling.joined`."""
         coarse, fine = splittings(numerical, physical, dt, self, self.alpha)
         virtual = not fine.part.linear and self.substeps > 1
         return JoinedAtCoarseSteps(coarse, fine, self.fine == "physical", self.substeps, virtual=virtual)

@@ -74,10 +74,12 @@ class OpenFrescoSpecimen(Specimen):
         self._where = parsed_address(address)
         if self._where[0] not in LOOPBACKS and not unprotected:
             raise InputError(
-                "OpenFrescoSpecimen.address", f"'{address}'", "an address of this machine, such as 127.0.0.1:8090",
+                "OpenFrescoSpecimen.address",
+                f"'{address}'",
+                "an address of this machine, such as 127.0.0.1:8090",
                 "This dialect has no authentication: whoever reaches the server moves the specimen. Use a tunnel, such as "
                 f"ssh -L {self._where[1]}:127.0.0.1:{self._where[1]} {self._where[0]}.",
-            )  # fmt: skip
+            )
         self.address, self.silence, self._description = address, silence, description
         count = len(description.channels)
         self._length = max(LEAST_LENGTH, 2 * count + 1)
@@ -85,30 +87,11 @@ class OpenFrescoSpecimen(Specimen):
         self._last, self._over = np.zeros(count), ""
 
     def describe(self) -> SpecimenDescription:
-        """Say what it is, as it was told; see `Specimen.describe`.
-
-        Returns
-        -------
-        SpecimenDescription
-            Of the user.
-        """
+        """Say what it is, as it was told; see `Specimen.describe`."""
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Command the end of a path, acquire, and commit; see `Specimen.move`.
-
-        Parameters
-        ----------
-        path : ndarray, shape (sample, channel)
-            Commands [m].
-        averaged : int
-            Not used: the dialect acquires one value.
-
-        Returns
-        -------
-        Reading
-            What the server acquired.
-        """
+        """Command the end of a path, acquire, and commit; see `Specimen.move`."""
         if self._over:
             raise SpecimenError(f"The session is over: {self._over} A test is not resumed.")
         path = np.atleast_2d(np.asarray(path, dtype=np.float64))
@@ -134,13 +117,7 @@ class OpenFrescoSpecimen(Specimen):
         return Reading(acquired[:count], acquired[count : 2 * count])
 
     def hold(self, reason: str) -> None:
-        """Command nothing more; the server holds its last command; see `Specimen.hold`.
-
-        Parameters
-        ----------
-        reason : str
-            Why.
-        """
+        """Command nothing more; the server holds its last command; see `Specimen.hold`."""
         self._end(f"{reason}.")
 
     def close(self) -> None:

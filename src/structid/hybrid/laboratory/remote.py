@@ -122,13 +122,7 @@ class RemoteSpecimen(Specimen):
     # --- its face -----------------------------------------------------------------------------------------------
 
     def describe(self) -> SpecimenDescription:
-        """Ask what it is, once; see `Specimen.describe`.
-
-        Returns
-        -------
-        SpecimenDescription
-            As the server has it.
-        """
+        """Ask what it is, once; see `Specimen.describe`."""
         if self._description is None:
             connection, key, self._description = self._open()
             with connection:
@@ -137,20 +131,7 @@ class RemoteSpecimen(Specimen):
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Have it follow a path; see `Specimen.move`.
-
-        Parameters
-        ----------
-        path : ndarray, shape (sample, channel)
-            Commands [m].
-        averaged : int
-            Controller steps that are averaged.
-
-        Returns
-        -------
-        Reading
-            What it measured.
-        """
+        """Have it follow a path; see `Specimen.move`."""
         description = self.describe()
         path = np.atleast_2d(np.asarray(path, dtype=np.float64))
         patience = len(path) * description.controller_step + self.silence
@@ -162,13 +143,7 @@ class RemoteSpecimen(Specimen):
             raise
 
     def hold(self, reason: str) -> None:
-        """Have it hold its position; it does so by itself where it cannot be told; see `Specimen.hold`.
-
-        Parameters
-        ----------
-        reason : str
-            Why.
-        """
+        """Have it hold its position; it does so by itself where it cannot be told; see `Specimen.hold`."""
         if self._connection is not None and not self._over:
             try:
                 self._asked(Kind.HOLD, reason.encode(), self.silence)
@@ -186,11 +161,5 @@ class RemoteSpecimen(Specimen):
         self._end("It was closed.")
 
     def released(self) -> RemoteSpecimen:
-        """The same address, where a specimen that was made ready answers in a new session; see `Specimen.released`.
-
-        Returns
-        -------
-        RemoteSpecimen
-            Whose first move is refused where its operator has not made it ready.
-        """
+        """The same address, where a specimen that was made ready answers in a new session; see `Specimen.released`."""
         return RemoteSpecimen(self.address, self._secret, self.silence)

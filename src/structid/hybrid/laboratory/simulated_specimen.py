@@ -82,7 +82,11 @@ class SimulatedSpecimen(Specimen):
             name=name,
             channels=tuple(
                 SpecimenChannel(
-                    name=channel, unit="rad" if unit == "rad" else "m", stroke=a.stroke, velocity=a.velocity, force=a.force,
+                    name=channel,
+                    unit="rad" if unit == "rad" else "m",
+                    stroke=a.stroke,
+                    velocity=a.velocity,
+                    force=a.force,
                     delay=a.delay + (max(a.lag - 0.5 * controller_step, 0.0) if a.lag else 0.0),
                 )
                 for channel, unit, a in zip(names, units or ("m",) * len(names), each, strict=True)
@@ -91,7 +95,7 @@ class SimulatedSpecimen(Specimen):
             simulated=True,
             stiffness=None if stiffness is None else tuple(map(tuple, np.asarray(stiffness, dtype=float).tolist())),
             software="structid",
-        )  # fmt: skip
+        )
         nothing = np.zeros(len(names))
         self._memory = structure.at_rest(nothing)
         self._force, self._memory = structure.at(self._memory, nothing)
@@ -100,30 +104,11 @@ class SimulatedSpecimen(Specimen):
         self._held = ""
 
     def describe(self) -> SpecimenDescription:
-        """Say what it is; see `Specimen.describe`.
-
-        Returns
-        -------
-        SpecimenDescription
-            With the actuators' limits and delays.
-        """
+        """Say what it is; see `Specimen.describe`."""
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Follow a path; see `Specimen.move`.
-
-        Parameters
-        ----------
-        path : ndarray, shape (sample, channel)
-            Commands [m].
-        averaged : int
-            Controller steps that are averaged.
-
-        Returns
-        -------
-        Reading
-            Measured displacements and forces.
-        """
+        """Follow a path; see `Specimen.move`."""
         began = time.perf_counter()
         if self._held:
             raise SpecimenError(
@@ -185,13 +170,7 @@ class SimulatedSpecimen(Specimen):
         return [int(k) for k in np.flatnonzero(passes)]
 
     def hold(self, reason: str) -> None:
-        """Hold the position; see `Specimen.hold`.
-
-        Parameters
-        ----------
-        reason : str
-            Why.
-        """
+        """Hold the position; see `Specimen.hold`."""
         self._held = self._held or reason
 
     def close(self) -> None:
@@ -199,20 +178,7 @@ class SimulatedSpecimen(Specimen):
         self.hold("the session was closed")
 
     def released(self) -> SimulatedSpecimen:
-        """Unload it to its first force, and call that place zero; see `Specimen.released`.
-
-        Returns
-        -------
-        SimulatedSpecimen
-            The same structure with its damage, and with as much less stroke as its zero has moved.
-
-        Raises
-        ------
-        InputError
-            If its stiffness was not given.
-        SpecimenError
-            If it finds no place without force.
-        """
+        """Unload it to its first force, and call that place zero; see `Specimen.released`."""
         if self._description.stiffness is None:
             raise InputError("SimulatedSpecimen.stiffness", "nothing", "its initial stiffness", "It unloads with it.")
         after = copy(self)

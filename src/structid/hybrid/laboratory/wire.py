@@ -83,9 +83,11 @@ def checked_secret(secret: str | bytes) -> bytes:
     given = secret.encode() if isinstance(secret, str) else bytes(secret)
     if len(given) < SHORTEST_SECRET:
         raise InputError(
-            "secret", f"{len(given)} characters", f"{SHORTEST_SECRET} or more",
+            "secret",
+            f"{len(given)} characters",
+            f"{SHORTEST_SECRET} or more",
             'Make one with: python -c "import secrets; print(secrets.token_hex(32))"',
-        )  # fmt: skip
+        )
     return given
 
 

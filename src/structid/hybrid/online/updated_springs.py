@@ -59,33 +59,9 @@ class UpdatedSprings(RestoringForce):
         return self.springs.content_hash
 
     def at_rest(self, displacement: Any) -> Any:
-        """What is remembered before the first move; see `RestoringForce.at_rest`.
-
-        Parameters
-        ----------
-        displacement : array, shape (dof,) or (dof, run)
-            Zeros.
-
-        Returns
-        -------
-        dict
-            Of the springs.
-        """
+        """What is remembered before the first move; see `RestoringForce.at_rest`."""
         return self.springs.at_rest(displacement)
 
     def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
-        """Impose a displacement, by the law as it is now; see `RestoringForce.at`.
-
-        Parameters
-        ----------
-        memory : dict
-            As `at_rest` gives it.
-        displacement : array, shape (dof,) or (dof, run)
-            u [m].
-
-        Returns
-        -------
-        tuple
-            The force [N], and the memory after it.
-        """
+        """Impose a displacement, by the law as it is now; see `RestoringForce.at`."""
         return self.springs.at(memory, displacement)

@@ -49,20 +49,31 @@ class LivePoints:
         for k, channel in enumerate(about.description.channels):
             channels.append(
                 {
-                    "name": channel.name, "unit": channel.unit,
-                    "measured": measured[moves::stride, k].tolist(), "force": force[moves::stride, k].tolist(),
-                    "error": _finite(root_mean_square_error(target[:, k], measured[:, k])) if np.any(target[:, k]) else None,
+                    "name": channel.name,
+                    "unit": channel.unit,
+                    "measured": measured[moves::stride, k].tolist(),
+                    "force": force[moves::stride, k].tolist(),
+                    "error": _finite(root_mean_square_error(target[:, k], measured[:, k]))
+                    if np.any(target[:, k])
+                    else None,
                     "indicator": _finite(tracking_indicator(target[:, k], measured[:, k])[-1]) if len(target) else None,
-                    "energy": _finite(energy_error(force[:, k], target[:, k], measured[:, k])[-1]) if len(target) else None,
+                    "energy": _finite(energy_error(force[:, k], target[:, k], measured[:, k])[-1])
+                    if len(target)
+                    else None,
                 }
-            )  # fmt: skip
+            )
         thin = max(1, -(-(len(self._floors) - steps) // AT_ONCE))
         return {
-            "record": about.record.name, "specimen": about.description.name, "planned": about.feasibility.steps,
-            "dt": about.frame.dt, "moves": len(self._moves), "steps": len(self._floors), "channels": channels,
+            "record": about.record.name,
+            "specimen": about.description.name,
+            "planned": about.feasibility.steps,
+            "dt": about.frame.dt,
+            "moves": len(self._moves),
+            "steps": len(self._floors),
+            "channels": channels,
             "time": (np.arange(steps, len(self._floors), thin) * about.frame.dt).tolist(),
             "floors": self._floors[steps::thin].T.tolist(),
-        }  # fmt: skip
+        }
 
 
 def _finite(value: float) -> float | None:

@@ -121,9 +121,11 @@ class Recorder:
         for path in (store, journal_of(store)):
             if path.exists():
                 raise InputError(
-                    f"store {store}", f"{path.name} is there already", "a file that does not exist yet",
+                    f"store {store}",
+                    f"{path.name} is there already",
+                    "a file that does not exist yet",
                     "A recording is never written over. Name another file, or move this one away.",
-                )  # fmt: skip
+                )
         self.store, self.width, self.failed = store, width, ""
         store.parent.mkdir(parents=True, exist_ok=True)
         self._journal = Journal(journal_of(store), {"schema": SCHEMA})
@@ -135,9 +137,11 @@ class Recorder:
             for path in (*tails_of(store), journal_of(store)):
                 path.unlink(missing_ok=True)
             raise InputError(
-                f"store {store}", f"its recording cannot be begun: {error.strerror}",
-                f"a disk with {2 * room / 2**20:.0f} MB to spare", "Nothing has moved.",
-            ) from None  # fmt: skip
+                f"store {store}",
+                f"its recording cannot be begun: {error.strerror}",
+                f"a disk with {2 * room / 2**20:.0f} MB to spare",
+                "Nothing has moved.",
+            ) from None
         self._count = 0
         self._lock, self._due, self._closing = threading.Lock(), threading.Event(), False
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)

@@ -118,9 +118,10 @@ def facade_parts(
             )
     if upper.wall.width != lower.wall.width or upper.base_joint:
         raise InputError(
-            "facade_parts: upper", f"a wall {upper.wall.width:g} m wide, base_joint={upper.base_joint}",
+            "facade_parts: upper",
+            f"a wall {upper.wall.width:g} m wide, base_joint={upper.base_joint}",
             f"one {lower.wall.width:g} m wide that stands on the beam without joints",
-        )  # fmt: skip
+        )
     inertia = np.array([1.0, 1.0, lower.wall.width**2 / 12.0])  # of a mass that is spread along the beam
     force = lower.static_force(np.zeros((1, 0)))
     law = force.law if upper is lower else upper.static_force(np.zeros((1, 0))).law

@@ -67,9 +67,11 @@ class Substructure:
                 raise InputError(f"{self.name}: {what}", came, "matrices of one size")
         if np.linalg.eigvalsh(self.mass).min() <= 0.0:
             raise InputError(
-                f"{self.name}: mass", "a matrix that is not positive definite", "a mass for every degree of freedom",
+                f"{self.name}: mass",
+                "a matrix that is not positive definite",
+                "a mass for every degree of freedom",
                 "Reduce the part to those that have one: see reduced_by_guyan.",
-            )  # fmt: skip
+            )
         object.__setattr__(self, "interface", self._interface(count))
         iota = np.ones(count) if self.influence is None else np.asarray(self.influence, dtype=np.float64)
         if iota.shape != (count,):

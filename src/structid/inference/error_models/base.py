@@ -104,7 +104,19 @@ class ErrorModel(ABC):
 
 
 class Discrepancy(ErrorModel):
-    """An error model for ε, added to the response, with parameters of its own, which are inferred with the model's."""
+    """An error model for ε, added to the response, with parameters of its own, which are inferred with the model's.
+
+    Examples
+    --------
+    `tests/architecture/trial/new_discrepancy.py` is a complete one, with Laplace's density.
+
+    >>> import numpy as np
+    >>> import structid as si
+    >>> errors = si.IID(variance=4.0)
+    >>> residual = np.array([[[2.0]], [[0.0]]])  # two samples of one channel of one run
+    >>> float(errors.log_likelihood(residual, {}, ("displacement",), 0.01)[0]).__round__(4)
+    -3.7242
+    """
 
     @property
     def added(self) -> Discrepancy:

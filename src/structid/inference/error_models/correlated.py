@@ -208,9 +208,14 @@ class Correlated(Discrepancy):
         return self._folded(unknown, channels, runs, dt, samples)
 
     def _folded(
-        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int,
+        self,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        runs: int,
+        dt: float,
+        samples: int,
         more_white: Any = 0.0,
-    ) -> Fold:  # fmt: skip
+    ) -> Fold:
         start, step, first = self._filter(unknown, channels, runs, dt, more_white)
 
         def sample(carry: Any, measured: Any) -> Any:

@@ -69,25 +69,7 @@ class Drifting(ErrorModel):
         return self.errors
 
     def among(self, space: ParameterSpace, duration: float) -> Drifting:
-        """Return the error model for these parameters; see `ErrorModel.among`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The model's parameters, which drift.
-        duration : float
-            Of the first record [s].
-
-        Returns
-        -------
-        Drifting
-            With a time between knots.
-
-        Raises
-        ------
-        InputError
-            If the knots are too many.
-        """
+        """Return the error model for these parameters; see `ErrorModel.among`."""
         if self.every is not None and duration > MOST_SPANS * self.every:
             raise InputError(
                 "Drifting(every)",
@@ -118,62 +100,21 @@ class Drifting(ErrorModel):
         return priors
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
-        """Give the values of every b_j at the knots; see `ErrorModel.hidden_parameters`.
-
-        Parameters
-        ----------
-        duration : float
-            Of its record [s].
-
-        Returns
-        -------
-        dict of str to Marginal
-            N(0, 1) each.
-        """
+        """Give the values of every b_j at the knots; see `ErrorModel.hidden_parameters`."""
         return {name: Normal(0.0, 1.0) for name in knot_names(self._drifting.names, self._knots(duration))}
 
     def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
-        """Give the values at the knots of each parameter; see `ErrorModel.scatters`.
-
-        Parameters
-        ----------
-        duration : float
-            Of the record [s].
-
-        Returns
-        -------
-        dict of pair of str to tuple of str
-            They scatter about the parameter by its drift.
-        """
+        """Give the values at the knots of each parameter; see `ErrorModel.scatters`."""
         knots = self._knots(duration)
         return {(name, drift_name(name)): knot_names((name,), knots) for name in self._drifting.names}
 
     def responding(self, model: Model, duration: float) -> Model:
-        """Return the model with drifting parameters; see `ErrorModel.responding`.
-
-        Parameters
-        ----------
-        model : Model
-            The model.
-        duration : float
-            Of the record that drives it [s].
-
-        Returns
-        -------
-        Model
-            Its free parameters are θ, d and b.
-        """
+        """Return the model with drifting parameters; see `ErrorModel.responding`."""
         assert self.every is not None
         return DriftingModel(model, self._drifting, self._knots(duration), self.every)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, the time between knots, and the model of the added errors.
-
-        Returns
-        -------
-        dict
-            For hashes and reports.
-        """
+        """Return the kind, the time between knots, and the model of the added errors."""
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 

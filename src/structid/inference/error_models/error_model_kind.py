@@ -24,6 +24,13 @@ class ErrorModelKind:
         Keys that are a number or a prior, and their SI unit, or `SQUARED`.
     switches : mapping of str to tuple
         Other keys: the type as pydantic reads it, and the default.
+
+    Examples
+    --------
+    >>> from structid.inference.error_models.error_model_kind import SQUARED, ErrorModelKind
+    >>> from structid.inference.error_models.independent import IID
+    >>> ErrorModelKind(IID, "white_noise", {"variance": SQUARED}, {}).word
+    'white_noise'
     """
 
     error_model: Callable[..., Any]

@@ -73,24 +73,7 @@ class IID(Discrepancy):
     def parameters(
         self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
     ) -> dict[str, Marginal]:
-        """Unknown variances and their priors; see `Discrepancy.parameters`.
-
-        Parameters
-        ----------
-        values : ndarray, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Names of its channels.
-        dt : float
-            Its time step [s].
-        units : tuple of str
-            SI unit of each channel, empty where it is not known.
-
-        Returns
-        -------
-        dict of str to Marginal
-            ``sigma2``, or ``sigma2_<channel>`` for each.
-        """
+        """Unknown variances and their priors; see `Discrepancy.parameters`."""
         priors: dict[str, Marginal] = {}
         for i, channel in enumerate(channels):
             given = self._given(channel)
@@ -104,24 +87,7 @@ class IID(Discrepancy):
         return priors
 
     def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
-        """σ² of every channel and run.
-
-        Parameters
-        ----------
-        unknown : mapping of str to array (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-        runs : int
-            How many runs.
-        numpy : module
-            ``numpy``, or ``jax.numpy`` inside JAX.
-
-        Returns
-        -------
-        array, shape (channel, run)
-            In the square of each channel's SI unit.
-        """
+        """σ² of every channel and run."""
         rows = []
         for channel in channels:
             given = self._given(channel)
@@ -132,95 +98,25 @@ class IID(Discrepancy):
     def log_likelihood(
         self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
     ) -> Any:
-        """Log density of the whole residual; see `Discrepancy.log_likelihood`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-        white : jax.Array (channel, run) or float
-            Further variance of independent errors, such as a surrogate's.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
-        """
+        """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
         variance = self.variances(unknown, channels, residual.shape[2], namespace(residual)) + white
         return _normal_log_density((residual**2).sum(axis=0), residual.shape[0], variance)
 
     def log_likelihood_of_squares(
         self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Any:
-        """Log density from the sum of squares; see `Discrepancy.log_likelihood_of_squares`.
-
-        Parameters
-        ----------
-        squares : jax.Array, shape (channel, run)
-            Sum over time of the squared residual.
-        samples : int
-            How many were summed.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-
-        Returns
-        -------
-        jax.Array, shape (run,)
-            Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
-        """
+        """Log density from the sum of squares; see `Discrepancy.log_likelihood_of_squares`."""
         numpy = namespace(squares)
         return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], numpy))
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
-        """Log density of every observation; see `Discrepancy.pointwise`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        jax.Array, shape (time, channel, run)
-            −½ log(2πσ²) − r²/(2σ²).
-        """
+        """Log density of every observation; see `Discrepancy.pointwise`."""
         numpy = namespace(residual)
         variance = self.variances(unknown, channels, residual.shape[2], numpy)
         return -0.5 * numpy.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
 
     def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
-        """Divide by σ; see `Discrepancy.whiten`.
-
-        Parameters
-        ----------
-        residual : jax.Array, shape (time, channel, run)
-            Measurement minus prediction, or a sensitivity.
-        unknown : mapping of str to jax.Array (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        jax.Array, shape (time, channel, run)
-            r/σ.
-        """
+        """Divide by σ; see `Discrepancy.whiten`."""
         numpy = namespace(residual)
         return residual / numpy.sqrt(self.variances(unknown, channels, residual.shape[2], numpy))
 
@@ -232,38 +128,13 @@ class IID(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
     ) -> np.ndarray:
-        """Draw white noise; see `Discrepancy.draw`.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of randomness.
-        shape : tuple of int
-            (run, time, channel).
-        unknown : mapping of str to ndarray (run,)
-            The unknown variances.
-        channels : tuple of str
-            Names of the channels.
-        dt : float
-            Time step [s].
-
-        Returns
-        -------
-        ndarray, shape (run, time, channel)
-            ε in SI.
-        """
+        """Draw white noise; see `Discrepancy.draw`."""
         return np.asarray(
             rng.standard_normal(shape) * np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind and what was given for the variance.
-
-        Returns
-        -------
-        dict
-            For hashes and reports.
-        """
+        """Return the kind and what was given for the variance."""
 
         def said(value: float | Marginal | None) -> Any:
             return value.describe() if isinstance(value, Marginal) else value

@@ -164,13 +164,7 @@ class Posterior(Target):
         return not self.model.batched
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
-        """Give the density as a JAX function; see `Target.traceable`.
-
-        Returns
-        -------
-        tuple of callable and tree of arrays
-            The function, and records and measurements.
-        """
+        """Give the density as a JAX function; see `Target.traceable`."""
         if not self.model.traceable:
             return super().traceable()
         in_lanes = self._differentiable_in_lanes
@@ -238,20 +232,7 @@ class Posterior(Target):
         return digest(*parts, *(["model error"] if self.model_error else []))
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw starting points from the prior; see `Target.initial`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
+        """Draw starting points from the prior; see `Target.initial`."""
         return self.bijection.inverse(self.space.from_uniform(rng.random((count, self.dimension))))
 
     # --- pieces of the density ----------------------------------------------------------------------------------
@@ -340,18 +321,7 @@ class Posterior(Target):
         return prior, *self.likelihood.on_host(theta, np.isfinite(prior))
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Unnormalised log posterior density; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            −inf outside the support and where the simulation failed.
-        """
+        """Unnormalised log posterior density; see `Target.log_density`."""
         prior, likelihood, _ = self._evaluate(theta)
         return np.asarray(prior + likelihood)
 
@@ -371,34 +341,12 @@ class Posterior(Target):
         return self._evaluate(theta)[1]
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Log density in unconstrained coordinates; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density with respect to φ, and where a simulation failed.
-        """
+        """Log density in unconstrained coordinates; see `Target.evaluate`."""
         prior, likelihood, failed = self.evaluate_parts(phi)
         return prior + likelihood, failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood; see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log prior with respect to φ, log-likelihood, and where a simulation failed.
-        """
+        """Log prior and log-likelihood; see `Target.evaluate_parts`."""
         compiled = self._compiled_in_lanes
         if compiled is not None:
             prior, likelihood, failed = compiled(phi)

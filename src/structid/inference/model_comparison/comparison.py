@@ -150,9 +150,16 @@ class Comparison(ShownAsText):
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """The figures as text."""
         heads = [
-            "model class", "parameters", "log evidence", "log Bayes factor", "probability", "log density left out", "to the best",
-            "unexplained", "inside 90 %",
-        ]  # fmt: skip
+            "model class",
+            "parameters",
+            "log evidence",
+            "log Bayes factor",
+            "probability",
+            "log density left out",
+            "to the best",
+            "unexplained",
+            "inside 90 %",
+        ]
         rows = []
         for one, probability in sorted(
             zip(self.classes, self.probabilities, strict=True), key=lambda pair: -self._score(pair[0])

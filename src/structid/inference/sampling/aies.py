@@ -113,13 +113,7 @@ class AIES(Sampler):
             )
 
     def describe(self) -> dict[str, float]:
-        """Settings that decide the draws: all but the number of steps and what is dropped.
-
-        Returns
-        -------
-        dict
-            For hashes; more steps continue the same chain.
-        """
+        """Settings that decide the draws: all but the number of steps and what is dropped."""
         settings = {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
         return settings | {"settling_steps": self.settled_steps}
 
@@ -146,28 +140,7 @@ class AIES(Sampler):
         keep: Keep,
         progress: Progress | None = None,
     ) -> Drawn:
-        """Draw; see `Sampler.run`.
-
-        Parameters
-        ----------
-        target : Target
-            What to sample.
-        seed : int
-            Seed.
-        start : ndarray (point, parameter) or None
-            Points in SI from which the walkers' starts are chosen; drawn from the target when left out.
-        blocks : list of dict
-            What is already on disk.
-        keep : callable
-            Puts a block on disk.
-        progress : callable, optional
-            Called with the number of finished steps and the total.
-
-        Returns
-        -------
-        Drawn
-            Every step, the discarded ones included.
-        """
+        """Draw; see `Sampler.run`."""
         lengths = list(block_lengths(self.steps))
         blocks = without_cut_off(blocks, lengths)
         if blocks:
@@ -282,7 +255,12 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
 def study_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
     """Settings that converge in the benchmark study, for a study file without them."""
     defaults: dict[str, Any] = {
-        "walkers": 32, "steps": 3000, "ensembles": 4, "differential_evolution": 0.8, "discard": 0.3, "start_candidates": 10,
-    }  # fmt: skip
+        "walkers": 32,
+        "steps": 3000,
+        "ensembles": 4,
+        "differential_evolution": 0.8,
+        "discard": 0.3,
+        "start_candidates": 10,
+    }
     settings = {**defaults, **given}
     return {**defaults, "settling_steps": min(500, int(settings["discard"] * settings["steps"]))}

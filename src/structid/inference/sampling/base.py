@@ -115,7 +115,17 @@ class Drawn:
 
 
 class Sampler(ABC):
-    """Settings of a sampler; `structid.sample` draws with it."""
+    """Settings of a sampler; `structid.sample` draws with it.
+
+    Examples
+    --------
+    `tests/architecture/trial/new_sampler.py` is a complete one, a random walk that a killed run continues.
+
+    >>> import structid as si
+    >>> sampler = si.AIES(walkers=20, steps=400)
+    >>> sampler.evaluations(dimension=4)
+    32000
+    """
 
     ensembles: int
     steps: int

@@ -102,24 +102,18 @@ class DelayedAcceptance(Sampler):
         return self.approximation if isinstance(self.approximation, Model) else None
 
     def proposing_by(self, surrogate: Model) -> DelayedAcceptance:
-        """Return these settings with a surrogate that proposes; see `Sampler.proposing_by`.
-
-        Parameters
-        ----------
-        surrogate : Model
-            Of the model that is sampled.
-
-        Returns
-        -------
-        DelayedAcceptance
-            The settings, complete.
-        """
+        """Return these settings with a surrogate that proposes; see `Sampler.proposing_by`."""
         return replace(self, approximation=surrogate)
 
     def __post_init__(self) -> None:
         for name, least in (
-            ("walkers", 4), ("steps", 2), ("ensembles", 1), ("tuning", 0), ("sub_steps", 1), ("most_sub_steps", 1),
-        ):  # fmt: skip
+            ("walkers", 4),
+            ("steps", 2),
+            ("ensembles", 1),
+            ("tuning", 0),
+            ("sub_steps", 1),
+            ("most_sub_steps", 1),
+        ):
             value = getattr(self, name)
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"DelayedAcceptance.{name}", f"{value!r}", f"a whole number, {least} or more")
@@ -141,13 +135,7 @@ class DelayedAcceptance(Sampler):
             )
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but the number of steps and what is dropped.
-
-        Returns
-        -------
-        dict
-            For hashes; more steps continue the same chain.
-        """
+        """Settings that decide the draws: all but the number of steps and what is dropped."""
         settings = {
             f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("approximation", "steps", "discard")
         }
@@ -171,28 +159,7 @@ class DelayedAcceptance(Sampler):
         keep: Keep,
         progress: Progress | None = None,
     ) -> Drawn:
-        """Draw; see `Sampler.run`.
-
-        Parameters
-        ----------
-        target : Target
-            What to sample: a posterior on the model itself.
-        seed : int
-            Seed.
-        start : ndarray (point, parameter) or None
-            Points in SI from which the walkers' starts are chosen; draws of the tempered surrogate posterior when left out.
-        blocks : list of dict
-            What is already on disk; a block is one step.
-        keep : callable
-            Puts a block on disk.
-        progress : callable, optional
-            Called with the number of finished steps and the total.
-
-        Returns
-        -------
-        Drawn
-            Every step, the discarded ones included, and what they cost.
-        """
+        """Draw; see `Sampler.run`."""
         proposing = self._proposing(target)
         if self.walkers < 2 * target.dimension:
             raise InputError(

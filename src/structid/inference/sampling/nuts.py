@@ -99,28 +99,11 @@ class NUTS(Sampler):
         return 1
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but their number.
-
-        Returns
-        -------
-        dict
-            For hashes; more steps continue the same chains.
-        """
+        """Settings that decide the draws: all but their number."""
         return {"kind": "nuts", **{k: v for k, v in asdict(self).items() if k != "steps"}}
 
     def evaluations(self, dimension: int) -> int:
-        """Gradients that will be evaluated, about; see `Sampler.evaluations`.
-
-        Parameters
-        ----------
-        dimension : int
-            Number of parameters.
-
-        Returns
-        -------
-        int
-            Of all chains, with those of the warm-up.
-        """
+        """Gradients that will be evaluated, about; see `Sampler.evaluations`."""
         return self.chains * (self.warm_up + self.steps) * LEAPFROGS
 
     @property
@@ -137,28 +120,7 @@ class NUTS(Sampler):
         keep: Keep,
         progress: Progress | None = None,
     ) -> Drawn:
-        """Draw; see `Sampler.run`.
-
-        Parameters
-        ----------
-        target : Target
-            What to sample; a JAX function.
-        seed : int
-            Seed.
-        start : ndarray (point, parameter) or None
-            Points in SI from which the chains' starts are chosen.
-        blocks : list of dict
-            What is already on disk: the warm-up, then the draws.
-        keep : callable
-            Puts a block on disk.
-        progress : callable, optional
-            Called with the number of finished steps, those of the warm-up included, and the total.
-
-        Returns
-        -------
-        Drawn
-            The draws after the warm-up.
-        """
+        """Draw; see `Sampler.run`."""
         kernels = _kernels(target, replace(self, steps=2))
         total = self.warm_up + self.steps
         lengths = list(block_lengths(self.steps))
@@ -178,9 +140,7 @@ class NUTS(Sampler):
             if progress is not None:
                 progress(self.warm_up + min(number * BLOCK_STEPS, self.steps), total)
         every = joined(blocks[1:], self.steps)
-        return Drawn(
-            every["phi"], every["log_density"], every["accepted"], 0, divergent=int(every["divergent"].sum())
-        )  # fmt: skip
+        return Drawn(every["phi"], every["log_density"], every["accepted"], 0, divergent=int(every["divergent"].sum()))
 
     def _start(self, target: Target, seed: int, points: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Starting points of finite density, (chain, parameter), and a first inverse of the mass matrix."""

@@ -27,6 +27,14 @@ class SamplerKind:
         Gives the settings that a study leaves out, from those it gives. When left out, the defaults of the class hold.
     hidden : tuple of str
         Settings that a study file cannot give.
+
+    Examples
+    --------
+    >>> from structid.inference.sampling.sampler_list import SamplerKind
+    >>> from structid.inference.sampling.smc.smc import SMC
+    >>> kind = SamplerKind(SMC, "particles", hidden=("least_moves", "most_moves"))
+    >>> kind.made({"particles": 500}).particles
+    500
     """
 
     settings: type[Any]

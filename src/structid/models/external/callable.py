@@ -63,20 +63,7 @@ class CallableModel(ExternalModel):
         self._seeded = "seed" in _argument_names(function)
 
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Call the function; see `ExternalModel.solve`.
-
-        Parameters
-        ----------
-        task : Task
-            What to run.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        Any
-            What it returns.
-        """
+        """Call the function; see `ExternalModel.solve`."""
         extra = {"seed": task.seed} if self._seeded else {}
         return self.function(dict(task.parameters), excitation, **extra)
 

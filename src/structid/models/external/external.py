@@ -55,9 +55,11 @@ class ExternalModel(Model):
             raise InputError(f"{type(self).__name__}.time_limit", f"{time_limit}", "a positive number of seconds")
         if time_limit is not None and not isolated:
             raise InputError(
-                f"{type(self).__name__}.time_limit", "it is given with isolated=False", "one of the two",
+                f"{type(self).__name__}.time_limit",
+                "it is given with isolated=False",
+                "one of the two",
                 "Only a process of its own can be stopped.",
-            )  # fmt: skip
+            )
         self.time_limit, self.isolated = time_limit, isolated
         for name in units or {}:
             check_choice(f"{type(self).__name__}.units", name, self.channels)

@@ -61,9 +61,11 @@ def _python(asked: ModelRequest) -> CallableModel:
             n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module.__name__
         ]
         raise InputError(
-            "key 'model.function'", f"{path.name} has no function '{name}'", ", ".join(functions) or "a function",
+            "key 'model.function'",
+            f"{path.name} has no function '{name}'",
+            ", ".join(functions) or "a function",
             suggestion(name, functions),
-        )  # fmt: skip
+        )
     function = FunctionInFile(path, name)
     return CallableModel(function, *_names(asked), units=asked.given["units"], **_limits(asked))
 

@@ -154,18 +154,7 @@ class ProgramModel(ExternalModel):
         self._check_templates()
 
     def working_in(self, folder: Path) -> ProgramModel:
-        """Return this model with another location for its scratch folders.
-
-        Parameters
-        ----------
-        folder : Path
-            Created if it does not exist.
-
-        Returns
-        -------
-        ProgramModel
-            A copy.
-        """
+        """Return this model with another location for its scratch folders."""
         other = copy.copy(self)
         other.scratch = folder
         return other
@@ -208,30 +197,21 @@ class ProgramModel(ExternalModel):
         contents = [(path.name, digest(path.read_bytes().hex())) for path in files]
         output = [self.output.file, dict(self.output.columns), dict(self.output.units), self.output.time]
         return digest(
-            "program", self.command, self.templates, self.constants, self.environment, self.free, output, self.record_file,
-            contents, self.version, *([self.structure_failed_exit_code] if self.structure_failed_exit_code else []),
-        )  # fmt: skip
+            "program",
+            self.command,
+            self.templates,
+            self.constants,
+            self.environment,
+            self.free,
+            output,
+            self.record_file,
+            contents,
+            self.version,
+            *([self.structure_failed_exit_code] if self.structure_failed_exit_code else []),
+        )
 
     def solve(self, task: Task, excitation: Excitation) -> np.ndarray:
-        """Run the program in a fresh scratch folder; see `ExternalModel.solve`.
-
-        Parameters
-        ----------
-        task : Task
-            What to run.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        ndarray, shape (time, channel)
-            What it wrote.
-
-        Raises
-        ------
-        SolverError
-            If it ended badly, or left nothing that can be read.
-        """
+        """Run the program in a fresh scratch folder; see `ExternalModel.solve`."""
         scratch = self._fresh_folder(task)
         complete = False
         try:
@@ -296,8 +276,11 @@ class ProgramModel(ExternalModel):
     def _names(self, task: Task, excitation: Excitation) -> dict[str, Any]:
         """Names available in command and templates."""
         record = {
-            "name": excitation.name, "dt": excitation.dt, "samples": len(excitation), "values": excitation.values.tolist(),
-        }  # fmt: skip
+            "name": excitation.name,
+            "dt": excitation.dt,
+            "samples": len(excitation),
+            "values": excitation.values.tolist(),
+        }
         builtins = {"seed": task.seed, "record": record, "folder": str(self.folder), "cores": 1}
         return {**self.constants, **task.parameters, **builtins}
 
@@ -343,9 +326,12 @@ def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Fl
     reader = _read_hdf5 if path.suffix in (".h5", ".hdf5", ".nc") else _read_text
     columns_to_read = [*output.columns.values(), *([] if output.time is None else [output.time])]
     columns = reader(path, columns_to_read)
-    values = np.column_stack([
-        column * factor(output.units.get(channel, "")) for channel, column in zip(output.columns, columns, strict=False)
-    ])  # fmt: skip
+    values = np.column_stack(
+        [
+            column * factor(output.units.get(channel, ""))
+            for channel, column in zip(output.columns, columns, strict=False)
+        ]
+    )
     return values if output.time is None else _at_samples(columns[-1], values, excitation, output.file)
 
 

@@ -79,25 +79,7 @@ class UMBridgeModel(ExternalModel):
         self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
 
     def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
-        """Ask the server; see `ExternalModel.solve`.
-
-        Parameters
-        ----------
-        task : Task
-            What to run.
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        mapping of str to list of float
-            A history for each channel.
-
-        Raises
-        ------
-        SolverError
-            If the server is not there, answers with an error, or returns another number of vectors.
-        """
+        """Ask the server; see `ExternalModel.solve`."""
         config = dict(self.config)
         if self.send_record:
             config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}

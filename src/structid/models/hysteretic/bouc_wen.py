@@ -221,28 +221,11 @@ class BoucWen(TraceableModel):
         return values
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The unknown parameters.
-        """
+        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`."""
         check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse several signals at once, and accelerations where the displacement is imposed.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If the oscillator cannot respond to it.
-        """
+        """Refuse several signals at once, and accelerations where the displacement is imposed."""
         check_one_signal("BoucWen", excitation)
         forbidden = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
         if excitation.kind == "displacement" and forbidden:
@@ -253,20 +236,7 @@ class BoucWen(TraceableModel):
             )
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            What drives it.
-
-        Returns
-        -------
-        TimeLoop
-            Of the equations of motion.
-        """
+        """Give the loop over the record; see `TraceableModel.time_loop`."""
         equations = OscillatorEquations(self._values(theta), self.channels, excitation.kind)
         each = theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])
         return runge_kutta_loop(
@@ -281,52 +251,19 @@ class BoucWen(TraceableModel):
         )
 
     def static_force(self, theta: Any) -> HystereticSprings:
-        """Give the spring without mass and dashpot; see `TraceableModel.static_force`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-
-        Returns
-        -------
-        HystereticSprings
-            One spring, of as many runs.
-        """
+        """Give the spring without mass and dashpot; see `TraceableModel.static_force`."""
         values = {n: v if isinstance(v, float) else v[None] for n, v in self._values(theta).items() if v is not None}
         law = Law(**{name: values[name] for name in Law._fields})
         k, m = (np.array([v]) if isinstance(v, float) else v for v in (values["stiffness"], values["mass"]))
         return HystereticSprings(np.ones((1, 1)), k, m, law)
 
     def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
-        """Give that of the initial stiffness; see `Model.natural_frequency`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In the order of `free`.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            [Hz].
-        """
+        """Give that of the initial stiffness; see `Model.natural_frequency`."""
         values = self._values(theta)
         return np.broadcast_to(np.sqrt(values["stiffness"] / values["mass"]) / (2.0 * np.pi), len(theta))
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
-        """Give yield displacement and yield force; see `Model.derived_quantities`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In the order of `free`.
-
-        Returns
-        -------
-        dict of str to DerivedQuantity
-            The two.
-        """
+        """Give yield displacement and yield force; see `Model.derived_quantities`."""
         displacement, force = (np.broadcast_to(v, len(theta)) for v in yield_point(self._values(theta)))
         return {"yield displacement": DerivedQuantity(displacement, "mm"), "yield force": DerivedQuantity(force, "kN")}
 
@@ -405,18 +342,7 @@ class BoucWen(TraceableModel):
         return "Bouc–Wen oscillator"
 
     def recording(self, *channels: str) -> BoucWen:
-        """Return this model with other channels.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        BoucWen
-            The same model, recording them.
-        """
+        """Return this model with other channels."""
         return replace(self, channels=channels)
 
     def __str__(self) -> str:

@@ -101,50 +101,15 @@ class ImposedDisplacements(TraceableModel):
         return force.units
 
     def static_force(self, theta: Any) -> RestoringForce | None:
-        """Give the model's; see `TraceableModel.static_force`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-
-        Returns
-        -------
-        RestoringForce
-            Of as many runs.
-        """
+        """Give the model's; see `TraceableModel.static_force`."""
         return self.model.static_force(theta)
 
     def steps_in_sample(self, excitation: Excitation) -> int:
-        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        int
-            One: `pieces` divides a move, not the record.
-        """
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`."""
         return 1
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the samples; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            Displacements.
-
-        Returns
-        -------
-        TimeLoop
-            Of moves from one sample to the next.
-        """
+        """Give the loop over the samples; see `TraceableModel.time_loop`."""
         force, count = self._force(theta), len(self._units)
         assert force is not None  # __post_init__ has looked
         rows = [force_channels(self._units).index(channel) for channel in self.channels]
@@ -162,33 +127,11 @@ class ImposedDisplacements(TraceableModel):
         return TimeLoop(start, sample, excitation.stages, excitation.dropped_samples, lambda carried: carried[1])
 
     def recording(self, *channels: str) -> ImposedDisplacements:
-        """Return this model with other channels.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        ImposedDisplacements
-            The same model, recording them.
-        """
+        """Return this model with other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but as many imposed displacements as the structure has.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is another one.
-        """
+        """Refuse anything but as many imposed displacements as the structure has."""
         parts = excitation.parts if isinstance(excitation, CombinedExcitation) else (excitation,)
         requested, came = [KINDS[unit] for unit in self._units], [part.kind for part in parts]
         if came != requested:
@@ -198,13 +141,7 @@ class ImposedDisplacements(TraceableModel):
             )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse what the model refuses; see `Model.check_priors`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The unknown parameters.
-        """
+        """Refuse what the model refuses; see `Model.check_priors`."""
         self.model.check_priors(space)
 
     @property

@@ -276,63 +276,24 @@ class ShearFrame(TraceableModel):
         return {n: v if isinstance(v, float) else np.ravel(v) for n, v in values.items() if v is not None}
 
     def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
-        """Give the lowest of the initial stiffnesses; see `Model.natural_frequency`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In the order of `free`.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            [Hz].
-        """
+        """Give the lowest of the initial stiffnesses; see `Model.natural_frequency`."""
         values, shape = self._values(theta), (self.storeys, len(theta))
         mass, stiffness = (np.broadcast_to(values[name], shape).T for name in ("mass", "stiffness"))
         return np.array([_frequencies(k, m)[0] for k, m in zip(stiffness, mass, strict=True)])
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
-        """Give yield drift and yield force of every storey; see `Model.derived_quantities`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In the order of `free`.
-
-        Returns
-        -------
-        dict of str to DerivedQuantity
-            Two a storey.
-        """
+        """Give yield drift and yield force of every storey; see `Model.derived_quantities`."""
         shape = (self.storeys, len(theta))
         drift, force = (np.broadcast_to(v, shape) for v in yield_point(self._values(theta)))
         quantities = {f"yield drift of storey {j}": DerivedQuantity(drift[j - 1], "mm") for j in self._numbers}
         return quantities | {f"yield force of storey {j}": DerivedQuantity(force[j - 1], "kN") for j in self._numbers}
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The unknown parameters.
-        """
+        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`."""
         check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse several signals at once, and an imposed displacement.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is neither a ground motion nor a force on the top floor.
-        """
+        """Refuse several signals at once, and an imposed displacement."""
         check_one_signal("ShearFrame", excitation)
         if excitation.kind == "displacement":
             raise InputError(
@@ -340,24 +301,16 @@ class ShearFrame(TraceableModel):
             )
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            Ground motion, or a force on the top floor.
-
-        Returns
-        -------
-        TimeLoop
-            Of the equations of motion.
-        """
+        """Give the loop over the record; see `TraceableModel.time_loop`."""
         equations = FrameEquations(
-            self.storeys, self.channels, self._values(theta), excitation.kind, theta.shape[0],
-            damping=self.damping, rayleigh_mode=self.rayleigh_mode,
-        )  # fmt: skip
+            self.storeys,
+            self.channels,
+            self._values(theta),
+            excitation.kind,
+            theta.shape[0],
+            damping=self.damping,
+            rayleigh_mode=self.rayleigh_mode,
+        )
         # Zero times a column, so that the state varies over the runs as the parameters do.
         zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
         return runge_kutta_loop(
@@ -390,18 +343,7 @@ class ShearFrame(TraceableModel):
         return "shear frame"
 
     def recording(self, *channels: str) -> ShearFrame:
-        """Return this frame with other channels.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        ShearFrame
-            The same frame, recording them.
-        """
+        """Return this frame with other channels."""
         return replace(self, channels=channels)
 
     def frequencies(self) -> np.ndarray:

@@ -164,18 +164,7 @@ class MasonryWall(TraceableModel):
         )
 
     def static_force(self, theta: Any) -> StaticWall:
-        """Give the wall under a rigid beam in the place of its bars; see `TraceableModel.static_force`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-
-        Returns
-        -------
-        StaticWall
-            Of as many runs.
-        """
+        """Give the wall under a rigid beam in the place of its bars; see `TraceableModel.static_force`."""
         return StaticWall(self._beamed, self._law(self._values(theta)), theta.shape[0])
 
     @cached_property
@@ -183,20 +172,7 @@ class MasonryWall(TraceableModel):
         return BeamedWall(self.mesh, self.masonry, JOINT_LAWS[self.joint_law])
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : TracedExcitation
-            A ground motion.
-
-        Returns
-        -------
-        TimeLoop
-            Of the equations of motion.
-        """
+        """Give the loop over the record; see `TraceableModel.time_loop`."""
         values, runs, stages = self._values(theta), theta.shape[0], excitation.stages
         law, dt = self._law(values), excitation.dt / stages.shape[1]
         at_rest = loaded(self.condensed, law, runs, values["damping_ratio"])
@@ -227,20 +203,6 @@ class MasonryWall(TraceableModel):
 
         A run whose joints find no equilibrium in a step is done again in shorter steps, down to a 64th. A run in which a bed joint
         loses what lies on it has failed as a structure, from there on.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            A ground motion.
-        progress, map : callable, optional
-            See `TraceableModel.run`.
-
-        Returns
-        -------
-        Histories
-            A run that fails keeps what came before, and says which joint it was.
         """
         watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
@@ -270,18 +232,7 @@ class MasonryWall(TraceableModel):
         return runs_one_by_one(self.condensed, laws, channels, excitation, self.steps_in_sample(excitation), progress)
 
     def steps_in_sample(self, excitation: Excitation) -> int:
-        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        int
-            None of them is longer than `step`.
-        """
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`."""
         return max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
 
     # --- pictures -----------------------------------------------------------------------------------------------
@@ -322,20 +273,7 @@ class MasonryWall(TraceableModel):
         return WallFilm(mesh, excitation.dt, displacements, values[:, 0], values[:, 1])
 
     def pictures(self, theta: np.ndarray, excitation: Excitation) -> list[ModelPicture]:
-        """Pictures of the wall in one run; see `Model.pictures`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (parameter,)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            A ground motion.
-
-        Returns
-        -------
-        list of ModelPicture
-            Mesh, milestones, strains, film.
-        """
+        """Pictures of the wall in one run; see `Model.pictures`."""
         return pictures_of(self.plot, cache(lambda: self.film(excitation, theta)))
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
@@ -384,33 +322,11 @@ class MasonryWall(TraceableModel):
         return "masonry wall"
 
     def recording(self, *channels: str) -> MasonryWall:
-        """Return this wall with other channels.
-
-        Parameters
-        ----------
-        *channels : str
-            The channels.
-
-        Returns
-        -------
-        MasonryWall
-            The same wall, recording them.
-        """
+        """Return this wall with other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but a ground motion.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What is to drive it.
-
-        Raises
-        ------
-        InputError
-            If it is no ground motion, or shorter than a step.
-        """
+        """Refuse anything but a ground motion."""
         check_one_signal("MasonryWall", excitation)
         if excitation.kind != "ground_motion":
             raise InputError("MasonryWall", f"a {excitation.kind}", "a GroundMotion")
@@ -420,18 +336,7 @@ class MasonryWall(TraceableModel):
             )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not positive; see `Model.check_priors`.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The unknown parameters.
-
-        Raises
-        ------
-        InputError
-            For the first that is wrong.
-        """
+        """Refuse priors in another unit, or of values that are not positive; see `Model.check_priors`."""
         check_priors_of(self.free, space)
 
     @property

@@ -115,9 +115,11 @@ class BuiltStudy:
             return ("pattern_search", "interior_point") if self.model.traceable else ()
         if "interior_point" in methods and not self.model.traceable:
             raise InputError(
-                "key 'deterministic.methods'", "'interior_point' for an external model, which has no derivatives",
-                "['pattern_search'] or []", "Pattern search needs none, but hundreds of runs.",
-            )  # fmt: skip
+                "key 'deterministic.methods'",
+                "'interior_point' for an external model, which has no derivatives",
+                "['pattern_search'] or []",
+                "Pattern search needs none, but hundreds of runs.",
+            )
         return methods
 
     @property

@@ -52,9 +52,10 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
     if study.sampler.needs_derivatives:
         if not (study.has_surrogate or study.model.traceable):
             raise InputError(
-                "key 'sampler.kind'", "'nuts' for an external model, which has no derivatives",
+                "key 'sampler.kind'",
+                "'nuts' for an external model, which has no derivatives",
                 "'aies' or 'smc', or a [surrogate]",
-            )  # fmt: skip
+            )
     elif study.sampler.interacting and study.sampler.walkers < 2 * dimension:
         raise InputError(
             "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"

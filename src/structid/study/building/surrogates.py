@@ -35,9 +35,10 @@ def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
         for key in unused:
             if given.get(switch) == value and key in given:
                 raise InputError(
-                    f"key 'surrogate.{key}'", f"it is given with {switch} = '{value}', which does not use it",
+                    f"key 'surrogate.{key}'",
+                    f"it is given with {switch} = '{value}', which does not use it",
                     f"one of the two: without {', '.join(unused)}, or another {switch}",
-                )  # fmt: skip
+                )
 
 
 def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:

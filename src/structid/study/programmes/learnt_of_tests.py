@@ -96,9 +96,15 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
     assert learning is not None  # learnt_of has looked
     numerical, physical = planned.parts(section.modes)
     virtual = VirtualHybridTest(
-        numerical, physical, planned.learnable(), planned.file.dt, planned.coupling, learning.pieces, programme.way_to(name),
+        numerical,
+        physical,
+        planned.learnable(),
+        planned.file.dt,
+        planned.coupling,
+        learning.pieces,
+        programme.way_to(name),
         ("displacement_1",),
-    )  # fmt: skip
+    )
     happened = programme.tests[name].coarse
     steps = programme.tests[name].feasibility.steps
     record = _at_steps(planned.record_of(section), planned.file.dt, steps)

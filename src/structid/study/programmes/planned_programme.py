@@ -61,10 +61,16 @@ class PlannedProgramme:
         actuators = [self._actuator(unit) for unit in structure.units]
         with within("table 'specimen'"):
             return SimulatedSpecimen(
-                force_of(model, len(structure.units)), actuators, channels=structure.channels, units=structure.units,
-                stiffness=self.parts(1)[1].stiffness, controller_step=given.controller_step, seed=self.file.seed,
-                name=f"{self.file.name}, {model.kind_in_words}", real_time=given.real_time,
-            )  # fmt: skip
+                force_of(model, len(structure.units)),
+                actuators,
+                channels=structure.channels,
+                units=structure.units,
+                stiffness=self.parts(1)[1].stiffness,
+                controller_step=given.controller_step,
+                seed=self.file.seed,
+                name=f"{self.file.name}, {model.kind_in_words}",
+                real_time=given.real_time,
+            )
 
     def laboratory(self, address: str, secret: str | Callable[[], str]) -> Specimen:
         """Connect to a specimen elsewhere."""
@@ -89,9 +95,16 @@ class PlannedProgramme:
         numerical, physical = self.parts(section.modes)
         with within(f"test '{section.name}'"):
             return HybridTest(
-                numerical, specimen, self.record_of(section), dt=self.file.dt, time_scale=section.time_scale, physical=physical,
-                coupling=self.coupling, compensation=_compensation(self.file.compensation), duration=section.duration,
-            )  # fmt: skip
+                numerical,
+                specimen,
+                self.record_of(section),
+                dt=self.file.dt,
+                time_scale=section.time_scale,
+                physical=physical,
+                coupling=self.coupling,
+                compensation=_compensation(self.file.compensation),
+                duration=section.duration,
+            )
 
     def record_of(self, section: TestSection) -> GroundMotion:
         """Scale the record for a test."""

@@ -78,9 +78,14 @@ class CutFrame(CutStructure):
         """Give numerical and physical part; see `CutStructure.parts`."""
         given = self.section
         frame = ShearFrame(
-            storeys=given.storeys, mass=given.mass, stiffness=given.stiffness, damping_ratio=given.damping_ratio,
-            alpha=1.0, beta=0.0, gamma=0.0,
-        )  # fmt: skip
+            storeys=given.storeys,
+            mass=given.mass,
+            stiffness=given.stiffness,
+            damping_ratio=given.damping_ratio,
+            alpha=1.0,
+            beta=0.0,
+            gamma=0.0,
+        )
         upper, lower = cut_frame(frame, 1, interface_share=given.share, linear=True)
         largest = np.array([[given.largest_stiffness or given.stiffness]])
         if self.alike is not None:

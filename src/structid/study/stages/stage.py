@@ -92,6 +92,22 @@ class StudyStage:
         Does the work, or reads back what was done, and returns the state with its result.
     table : type of StageTable, optional
         Its own table of the study file.
+
+    Examples
+    --------
+    A stage whose result no other stage needs; `tests/architecture/trial/new_stage.py` has a table of the study file as well.
+
+    >>> from structid.inference.sampling_result import SamplingResult
+    >>> from structid.study.stages.stage import StudyStage
+    >>> class Count(int):
+    ...     '''Number of draws.'''
+    >>> stage = StudyStage(
+    ...     Count,
+    ...     wanted=lambda state: SamplingResult in state.results,
+    ...     run=lambda state, workplace: state.having(Count, Count(len(state.results[SamplingResult].flat))),
+    ... )
+    >>> stage.result.__name__
+    'Count'
     """
 
     result: type

@@ -86,9 +86,11 @@ class ChaosExpansion:
         """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979)."""
         if self.basis.box is not None:
             raise InputError(
-                "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
+                "bootstrap",
+                "an expansion whose coefficients shrink with the degree",
+                "one of the other methods",
                 "It has more terms than runs: least squares does not determine them.",
-            )  # fmt: skip
+            )
         rng = stream(seed, Purpose.BOOTSTRAP)
         columns = self.basis.evaluate(self.theta)
         coefficients = np.zeros((replicates, *self.coefficients.shape))

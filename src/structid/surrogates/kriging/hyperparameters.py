@@ -137,9 +137,15 @@ def search_hyperparameters(
     bounds = objective.bounds
     coarse = objective.on(data.some(np.sort(order[: max(GLOBAL_POINTS, 2 * data.trend.shape[1])])))
     optimum = scipy.optimize.differential_evolution(
-        coarse.values, bounds, init=_first_generation(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
-        vectorized=True, updating="deferred",
-    )  # fmt: skip
+        coarse.values,
+        bounds,
+        init=_first_generation(bounds, 8 * len(bounds), rng),
+        maxiter=12,
+        polish=False,
+        rng=rng,
+        vectorized=True,
+        updating="deferred",
+    )
     best, lowest = optimum.x, np.inf
     for start in optimum.population[np.argsort(optimum.population_energies)[: max(starts, 1)]]:
         parameters = scipy.optimize.minimize(screening, start, jac=True, method="L-BFGS-B", bounds=bounds).x

@@ -202,9 +202,11 @@ class Kriging:
             factors = KrigingFactors.of(data, objective.matrix(best), objective.diagonal(best))
         except np.linalg.LinAlgError:
             raise InputError(
-                "Kriging.fit", "points so close that they cannot be distinguished", "points further apart, or a nugget",
+                "Kriging.fit",
+                "points so close that they cannot be distinguished",
+                "points further apart, or a nugget",
                 'Estimate one: nugget="estimate".',
-            ) from None  # fmt: skip
+            ) from None
         return KrigingGroup(
             self.correlation, separable, group, centre, scale, data.points, trend, best[: theta.shape[1]], factors
         )

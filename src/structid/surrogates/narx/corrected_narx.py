@@ -171,10 +171,22 @@ class CorrectedNARX:
         start_of_rest = start.rest if start is not None and start.whole == self.whole else None
         rest = replace(self.rest, left_out_energy=energy).fit(left_over, stages.of("rest"), start_of_rest)
         fit = Fit(
-            "CorrectedNARX", self.in_words, done.design.space, done.channels, rest.fitted.excitation, rest.fitted.dt,
-            *fitted_range(done.design), len(left_over), left_out + len(done) - len(left_over), rest.fitted.error * share,
-            self.limit, self.outside, watch.seconds, digests, self.rest.reach or 0.0,
-        )  # fmt: skip
+            "CorrectedNARX",
+            self.in_words,
+            done.design.space,
+            done.channels,
+            rest.fitted.excitation,
+            rest.fitted.dt,
+            *fitted_range(done.design),
+            len(left_over),
+            left_out + len(done) - len(left_over),
+            rest.fitted.error * share,
+            self.limit,
+            self.outside,
+            watch.seconds,
+            digests,
+            self.rest.reach or 0.0,
+        )
         return NARXWithRest(fit, narx, rest, self.whole)
 
 

@@ -209,10 +209,21 @@ class NARXFit:
         errors = self.free_run.errors(predicted, self.data[rows]).mean(axis=1)
         error = float(np.average(errors, weights=self.data.weights[rows]))
         fit = Fit(
-            self.kind, self.settings.in_words, self.runs.design.space, self.runs.channels, self.excitation, self.dt,
-            *fitted_range(self.runs.design), len(self.runs), self.left_out, error,
-            self.settings.limit, self.settings.outside, self.watch.seconds, run_digests(self.runs),
-        )  # fmt: skip
+            self.kind,
+            self.settings.in_words,
+            self.runs.design.space,
+            self.runs.channels,
+            self.excitation,
+            self.dt,
+            *fitted_range(self.runs.design),
+            len(self.runs),
+            self.left_out,
+            error,
+            self.settings.limit,
+            self.settings.outside,
+            self.watch.seconds,
+            run_digests(self.runs),
+        )
         largest_input = np.abs(self.experiments.x).max(axis=(0, 1))
         spread = np.ones(len(self.runs.channels))
         surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, spread, largest_input)

@@ -226,9 +226,13 @@ class ParametricNARX(Surrogate):
         count = len(coefficients)
         # The parameters are not looked at here, and may be none.
         runs = Runs(
-            Design(np.zeros((count, 0)), ParameterSpace()), (excitation,), self.channels,
-            InMemory(values), np.full(count, Status.DONE), np.zeros(count, dtype=int),
-        )  # fmt: skip
+            Design(np.zeros((count, 0)), ParameterSpace()),
+            (excitation,),
+            self.channels,
+            InMemory(values),
+            np.full(count, Status.DONE),
+            np.zeros(count, dtype=int),
+        )
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
         run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, horizon, known)
         return np.asarray(run.outputs(coefficients, data) * self._factors)

@@ -76,11 +76,22 @@ def fit_records(
         fits[content_hash] = _fit_record(some, regression, settings.energy, stages.of(content_hash))
         stages.done(content_hash)
     fit = Fit(
-        kind, settings.in_words, done.design.space, done.channels, excitation, dt,
-        *fitted_range(done.design), len(done), left_out,
-        float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds, run_digests(done),
+        kind,
+        settings.in_words,
+        done.design.space,
+        done.channels,
+        excitation,
+        dt,
+        *fitted_range(done.design),
+        len(done),
+        left_out,
+        float(np.mean([f.error for f in fits.values()])),
+        settings.limit,
+        settings.outside,
+        watch.seconds,
+        run_digests(done),
         reach,
-    )  # fmt: skip
+    )
     return ResponseSpaceSurrogate(fit, fits)
 
 

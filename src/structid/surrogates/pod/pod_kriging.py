@@ -83,9 +83,11 @@ class PODKriging:
     def forms(self) -> tuple[PODKriging, ...]:
         """Forms from which a calibration chooses; only one if a Kriging was specified."""
         kinds = (
-            Kriging(separable=False), Kriging(separable=True), Kriging(separable=False, trend="linear"),
+            Kriging(separable=False),
+            Kriging(separable=True),
+            Kriging(separable=False, trend="linear"),
             Kriging(correlation="gaussian"),
-        )  # fmt: skip
+        )
         energy = LEFT_OUT_IN_A_CALIBRATION if self.left_out_energy is None else self.left_out_energy
         reach = REACH_IN_A_CALIBRATION if self.reach is None else self.reach
         some = kinds if self.kriging == Kriging() else (self.kriging,)

@@ -94,8 +94,15 @@ class ResponseSpaceSurrogate(Surrogate):
         ]
         nearest, squares, levers = (np.array([[m[part] for m in of] for of in parts]) for part in range(3))
         return ScoreShortcut(
-            self, excitation.content_hash, np.array(inner), np.array(left_out), float(len(values)), nearest, squares, levers
-        )  # fmt: skip
+            self,
+            excitation.content_hash,
+            np.array(inner),
+            np.array(left_out),
+            float(len(values)),
+            nearest,
+            squares,
+            levers,
+        )
 
     def error_variance(
         self,
@@ -164,13 +171,19 @@ class ResponseSpaceSurrogate(Surrogate):
         for number, (content_hash, fit) in enumerate(self.records.items()):
             scores_plain, scores_arrays = fit.scores.to_plain()
             plain[str(number)] = {
-                "hash": content_hash, "name": fit.name, "samples": fit.samples, "regression": fit.scores.word,
+                "hash": content_hash,
+                "name": fit.name,
+                "samples": fit.samples,
+                "regression": fit.scores.word,
                 "scores": scores_plain,
-            }  # fmt: skip
+            }
             part_arrays = {
-                "mean": fit.mean, "modes": fit.modes, "truncation": fit.truncation, "scale": fit.scale,
+                "mean": fit.mean,
+                "modes": fit.modes,
+                "truncation": fit.truncation,
+                "scale": fit.scale,
                 "score_deviation": fit.score_deviation,
-            }  # fmt: skip
+            }
             arrays |= put_under(str(number), {**part_arrays, **put_under("scores", scores_arrays)})
         return plain, arrays
 

@@ -8,8 +8,12 @@ from structid.models.masonry.finite_elements.layout import DOOR, FACADE, Opening
 from structid.models.masonry.finite_elements.mesh import mesh_of
 
 WINDOWS = Wall(
-    width=5.0, height=3.0, openings=(Opening(1.0, 1.0, 1.0, 1.2), Opening(3.0, 1.0, 1.0, 1.2)), courses=None, course_height=0.2
-)  # fmt: skip
+    width=5.0,
+    height=3.0,
+    openings=(Opening(1.0, 1.0, 1.0, 1.2), Opening(3.0, 1.0, 1.0, 1.2)),
+    courses=None,
+    course_height=0.2,
+)
 
 
 def test_the_default_has_the_published_counts():

@@ -36,9 +36,13 @@ def by_hand(c, x):
     back = lambda s, t, k: s[t - k] if t >= k else 0.0  # noqa: E731
     for t in range(1, n):
         y[t] = (
-            c[0] * x[t] + c[1] * back(x, t, 2) + c[2] * y[t - 1] + c[3] * back(y, t, 2) * abs(y[t - 1]) + c[4] * u[t - 1]
+            c[0] * x[t]
+            + c[1] * back(x, t, 2)
+            + c[2] * y[t - 1]
+            + c[3] * back(y, t, 2) * abs(y[t - 1])
+            + c[4] * u[t - 1]
             + c[5] * back(z, t, 2)
-        )  # fmt: skip
+        )
         u[t] = u[t - 1] + 2.0 * DT / 0.1 * 0.5 * (y[t] + y[t - 1])
         du = u[t] - u[t - 1]
         slope = lambda m: du - b * abs(du) * m - g * du * abs(m)  # noqa: B023, E731

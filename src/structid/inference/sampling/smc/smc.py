@@ -131,28 +131,11 @@ class SMC(Sampler):
         return self.particles
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but the number of kept steps.
-
-        Returns
-        -------
-        dict
-            For hashes; more steps continue the same particles.
-        """
+        """Settings that decide the draws: all but the number of kept steps."""
         return {"kind": "smc", **{k: v for k, v in asdict(self).items() if k != "steps"}}
 
     def evaluations(self, dimension: int) -> int:
-        """Densities that will be evaluated, about; see `Sampler.evaluations`.
-
-        Parameters
-        ----------
-        dimension : int
-            Number of parameters.
-
-        Returns
-        -------
-        int
-            In the tempering, which takes longer in more dimensions, in the search for modes, and at β = 1.
-        """
+        """Densities that will be evaluated, about; see `Sampler.evaluations`."""
         # Stages are the more the larger the share that is left, and moves the more the smaller the correlation must become.
         longer = np.log(self.correlation) / np.log(self.effective_share)
         tempering = dimension * min(EVALUATIONS[0] * dimension, EVALUATIONS[1]) * longer
@@ -175,28 +158,7 @@ class SMC(Sampler):
         keep: Keep,
         progress: Progress | None = None,
     ) -> Drawn:
-        """Draw; see `Sampler.run`.
-
-        Parameters
-        ----------
-        target : Target
-            What to sample; it must know its prior.
-        seed : int
-            Seed.
-        start : ndarray or None
-            Not taken: particles start from the prior, or the evidence would be wrong.
-        blocks : list of dict
-            What is already on disk.
-        keep : callable
-            Puts a block on disk.
-        progress : callable, optional
-            Called with the percentage done and 100.
-
-        Returns
-        -------
-        Drawn
-            The draws at β = 1.
-        """
+        """Draw; see `Sampler.run`."""
         self._refuse(target, start)
         blocks = _without_cut_off(blocks, self.steps)
         self._to_the_posterior(target, seed, blocks, keep, progress)

@@ -183,9 +183,11 @@ class StaticWall(RestoringForce):
         condensed = self.wall.condensed
         steps, load = self.wall.joint_law.load_steps, self.wall.load[:, None]
         memory = {
-            "q": jnp.zeros((len(condensed.squares), runs)), "jumps": jnp.zeros((len(condensed.jump_rows), runs)),
-            "joints": jnp.zeros((self.wall.joint_law.memories, condensed.joints, runs)), "stands": jnp.ones(runs, dtype=bool),
-        }  # fmt: skip
+            "q": jnp.zeros((len(condensed.squares), runs)),
+            "jumps": jnp.zeros((len(condensed.jump_rows), runs)),
+            "joints": jnp.zeros((self.wall.joint_law.memories, condensed.joints, runs)),
+            "stands": jnp.ones(runs, dtype=bool),
+        }
 
         def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
             memory, beam, count = carried

@@ -72,10 +72,13 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
 
     def step(state: WallState, base: Any) -> WallState:
         pushed = (
-            wall.load[:, None] - wall.inertia[:, None] * base
-            + two**2 * state.q + 2.0 * two * state.rate + state.acceleration
+            wall.load[:, None]
+            - wall.inertia[:, None] * base
+            + two**2 * state.q
+            + 2.0 * two * state.rate
+            + state.acceleration
             + own_damping * (two * state.q + state.rate)
-        )  # fmt: skip
+        )
         before = two * state.jumps + state.jump_rate
         unknown = Unknown(fixed, state.memory, wall.opening.times(weights * pushed), before)
         guess = 3.0 * (state.jumps - state.before) + state.long_before

@@ -112,9 +112,13 @@ def _bounds(certificate: Certificate) -> list[list[str]]:
     chance = certificate.monte_carlo
     by_chance = [[] for _ in certificate.names] if chance is None else [[f"{mean:.2g}"] for mean in chance.mean]
     figures = (
-        certificate.mean_within, by_chance, certificate.sd_within, certificate.correlation_within.max(axis=1),
-        certificate.shift, certificate.shift_error,
-    )  # fmt: skip
+        certificate.mean_within,
+        by_chance,
+        certificate.sd_within,
+        certificate.correlation_within.max(axis=1),
+        certificate.shift,
+        certificate.shift_error,
+    )
     return [
         [pretty(name), f"{mean:.2g}", *by, f"{100.0 * sd:.2g} %", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
         for name, mean, by, sd, correlation, shift, error in zip(certificate.names, *figures, strict=True)
@@ -124,10 +128,15 @@ def _bounds(certificate: Certificate) -> list[list[str]]:
 def _round(r: Round) -> list[str]:
     verdict = "" if r.certificate is None else r.certificate.agreement
     return [
-        str(r.number + 1), str(r.training), f"{r.error:.1e}", f"{r.exponent:.2g}", f"{r.deviation:.2g}",
+        str(r.number + 1),
+        str(r.training),
+        f"{r.error:.1e}",
+        f"{r.exponent:.2g}",
+        f"{r.deviation:.2g}",
         "the same, left out in turn" if r.again else str(r.fresh),
-        f"{r.spread:.2g}" if r.fresh else "", verdict,
-    ]  # fmt: skip
+        f"{r.spread:.2g}" if r.fresh else "",
+        verdict,
+    ]
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:

@@ -71,10 +71,14 @@ def _probabilities(study: ParameterStudy) -> Rows:
         else:
             rows.append(
                 [
-                    _limit(study, number), f"{result.degree}", f"{result.accuracy:.1%}", f"{result.base_accuracy:.1%}",
-                    f"{result.log_loss:.3f}", f"{result.base_log_loss:.3f}",
+                    _limit(study, number),
+                    f"{result.degree}",
+                    f"{result.accuracy:.1%}",
+                    f"{result.base_accuracy:.1%}",
+                    f"{result.log_loss:.3f}",
+                    f"{result.base_log_loss:.3f}",
                 ]
-            )  # fmt: skip
+            )
     return heads, rows
 
 
@@ -90,7 +94,7 @@ def _indices(study: ParameterStudy) -> Rows:
             row += [
                 f"{max(result.first[i], 0.0):.3f} ± {result.first_error[i]:.3f}",
                 f"{max(result.total[i], 0.0):.3f} ± {result.total_error[i]:.3f}",
-            ]  # fmt: skip
+            ]
         rows.append(row)
     if found_all[0].coordinates != found_all[0].names:
         for i, name in enumerate(found_all[0].coordinates):
@@ -222,10 +226,13 @@ def _map(study: ParameterStudy, number: int, probability: PassageProbability) ->
 
     name = f"passages_{number + 1}_probability"
     figure = figures.probability_map(
-        points[:, [first, second]] / scale[[first, second]], [names[first], names[second]],
-        [units[first], units[second]], result.passed,
-        probability.at_coordinates(points), at,
-    )  # fmt: skip
+        points[:, [first, second]] / scale[[first, second]],
+        [names[first], names[second]],
+        [units[first], units[second]],
+        result.passed,
+        probability.at_coordinates(points),
+        at,
+    )
     caption = (
         f"Probability of passing {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} that "
         "separate the passages best; the others are at their medians. Right: mean probability of the runs, and share of passages "

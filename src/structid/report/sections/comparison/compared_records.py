@@ -77,8 +77,11 @@ def _draw(names: list[str], together: tuple[PredictedRecord, ...], number: int, 
         None if truth is None else truth[:, column] / factor(unit),
         [of_channel(p.band.inner) for p in together],
         [of_channel(p.band.outer) for p in together],
-        names, channel, unit, TRUTH,
-    )  # fmt: skip
+        names,
+        channel,
+        unit,
+        TRUTH,
+    )
     against = "" if truth is None else f", and the {TRUTH}, which no calibration has seen"
     caption = f"Predicted {channel} for {together[0].name} around its peak{against}."
     return Picture(f"other_{number}_{channel}", caption, figure)

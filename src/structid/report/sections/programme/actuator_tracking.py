@@ -18,12 +18,14 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
             index = result.index
             rows.append(
                 [
-                    name, channel, f"{100.0 * result.error:.3g}",
+                    name,
+                    channel,
+                    f"{100.0 * result.error:.3g}",
                     "–" if index is None else f"{index.amplitude:.4f}",
                     "–" if index is None else f"{1e3 * index.delay:.3g}",
                     number(float(result.energy[-1])),
                 ]
-            )  # fmt: skip
+            )
     heads = ["test", "channel", "error [% of RMS]", "amplitude", "delay in simulated time [ms]", "energy error [J]"]
     return [Table("Indicators: u_m over u_c. Energy above 0 fed the structure", (heads, rows))] if rows else []
 

@@ -29,10 +29,16 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
         end = "at its end" if test.finished else (test.events[-1].what if test.events else "before its time")
         rows.append(
             [
-                name, number(scale / step), f"{test.steps} of {test.feasibility.steps}", number(drift), number(force),
-                number(1e3 * float(test.datum[0])), number(test.stiffness_ratio), end,
+                name,
+                number(scale / step),
+                f"{test.steps} of {test.feasibility.steps}",
+                number(drift),
+                number(force),
+                number(1e3 * float(test.datum[0])),
+                number(test.stiffness_ratio),
+                end,
             ]
-        )  # fmt: skip
+        )
         events += [[name, f"{event.time:.3f}", event.what] for event in test.events]
     tables = [Table("The tests. Residual: where the specimen was without force before the test.", (heads, rows))]
     if events:
