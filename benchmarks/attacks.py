@@ -22,8 +22,8 @@ SEEDS = (1, 2, 3)
 REFERENCE = si.SMC(particles=1000, steps=100, effective_share=0.5, correlation=0.2)
 REPLICATIONS = 200
 MISSED = ((6, 10.0, True), (6, 10.0, False), (10, 10.0, True), (10, 10.0, False), (10, 5.0, False))
-"""Parameters, half the width of the box, and whether a true run lies in the mode."""
-HEADS = ["attack", "right is", "said, of how many", "true runs", "largest error of a mean [sd]", "of an sd"]
+"""Parameters, half the width of the box, and whether a model run lies in the mode."""
+HEADS = ["attack", "right is", "verdict", "model runs", "largest error of a mean [sd]", "of an sd"]
 normal = scipy.stats.norm.logpdf
 
 
@@ -148,7 +148,7 @@ def boxed(density: Callable[[np.ndarray], np.ndarray], dimension: int, edge: flo
 
 
 def missed_mode(dimension: int, edge: float, known: bool, quick: bool) -> list[str]:
-    """Draws of the wide mode alone; the surrogate, and so q, has both, and one of the true runs may lie in the narrow one."""
+    """Draws of the wide mode alone; the surrogate, and so q, has both, and one of the model runs may lie in the narrow one."""
     widths, middle = (0.1, 0.3), 0.3 * edge
 
     def density(x: np.ndarray) -> np.ndarray:
@@ -161,7 +161,7 @@ def missed_mode(dimension: int, edge: float, known: bool, quick: bool) -> list[s
         there = np.full((1, dimension), middle + 0.5 * widths[0])
         found = si.certify(target, draws, density, known=(there, density(there)) if known else None, seed=seed)
         said.append(found.certified)
-    at = "a true run lies in it" if known else "found from the prior, or not"
+    at = "a model run lies in it" if known else "found from the prior, or not"
     label = f"draws miss a mode of q, d = {dimension}, widths 0.1 and 0.3; box of ±{edge:g}; {at}"
     return [label, "not certified", f"certified {sum(said)} of {len(said)}", "31", "", ""]
 
@@ -197,18 +197,18 @@ def rows(quick: bool) -> list[list[str]]:
 def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
     found = rows(quick)
-    text = f"""## Attacks on the certificate
+    text = f"""# Attacks on the certificate
 
 `benchmarks/attacks.py`. {common.machine()}.
 
 Models and draws that are made to get a wrong certificate, or none where one is due. Errors are those of certified calibrations,
-beside tempered SMC on the model itself. A mode that q has and no true run has touched is found if a draw of the prior lies in its
+beside tempered SMC on the model itself. A mode that q has and no model run has touched is found if a draw of the prior lies in its
 basin.
 
 {common.markdown_table(HEADS, found)}
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=found)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

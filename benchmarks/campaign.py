@@ -109,9 +109,13 @@ def with_uqpy(runs: int) -> float | None:
         (Path(folder) / "uqpy_model.py").write_text(UQPY_MODEL)
         (Path(folder) / "run.py").write_text(textwrap.dedent(UQPY))
         done = subprocess.run(
-            [python, "run.py", str(runs)], cwd=folder, capture_output=True, text=True, check=False,
+            [python, "run.py", str(runs)],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
             env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
-        )  # fmt: skip
+        )
     return float(done.stdout.split()[-1]) if done.returncode == 0 else None
 
 
@@ -211,7 +215,7 @@ def section(overhead: dict[str, list[float]], store: list[dict[str, float]]) -> 
     }
     written = [[format(row[key], form) for key, form in formats.items()] for row in store]
     heads = ["runs", "runs/s", "peak memory after 50 [MB]", "after all [MB]", "file [MB]", "open [s]", "read one [s]"]
-    return f"""## Campaigns
+    return f"""# Campaigns
 
 `benchmarks/campaign.py`. {common.machine("distributed", "joblib", "h5py")}.
 
@@ -232,7 +236,7 @@ def main() -> None:
     overhead = time_overhead(quick)
     store = time_store((200, 400) if quick else STORED)
     common.record_result(NAME, quick=quick, machine=common.machine(), overhead=overhead, store=store)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, section(overhead, store))
+    common.write_page(quick, NAME, section(overhead, store))
     print(section(overhead, store))
 
 

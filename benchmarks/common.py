@@ -151,20 +151,20 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, ruler, *rows))
 
 
+def write_page(quick: bool, name: str, text: str) -> None:
+    """Write the page of a benchmark's tables, ``benchmarks/tables/<name>.md`` of the documents; `text` begins with its heading."""
+    page = documents(quick) / "benchmarks" / "tables" / f"{name}.md"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(text.strip() + "\n", encoding="utf-8")
+
+
 def write_section(page: Path, name: str, text: str) -> None:
-    """Replace what stands between `<!-- name:start -->` and `<!-- name:end -->`, or append it with its markers."""
+    """Replace what stands between `<!-- name:start -->` and `<!-- name:end -->` of a page that is written by hand."""
     start, end = f"<!-- {name}:start -->", f"<!-- {name}:end -->"
-    section = f"{start}\n{text.strip()}\n{end}"
-    old = page.read_text(encoding="utf-8") if page.exists() else "# Benchmarks\n"
-    if start in old and end in old:
-        before, rest = old.split(start, 1)
-        new = before + section + rest.split(end, 1)[1]
-    else:
-        new = old.rstrip() + "\n\n" + section + "\n"
-    # At once: a quick run of another benchmark may be reading it.
-    written = page.with_suffix(f".{os.getpid()}")
-    written.write_text(new, encoding="utf-8")
-    written.replace(page)
+    written = page.read_text(encoding="utf-8") if page.exists() else f"{start}\n{end}\n"
+    before, rest = written.split(start, 1)
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(before + f"{start}\n{text.strip()}\n{end}" + rest.split(end, 1)[1], encoding="utf-8")
 
 
 # --- the study --------------------------------------------------------------------------------------------------
@@ -184,9 +184,15 @@ def study_record(duration: float, pga: float) -> si.GroundMotion:
 def degrading_oscillator(**settings: Any) -> si.BoucWen:
     """Return the oscillator that makes the data: exponent 1, degrading, not pinching."""
     values = {
-        "mass": MASS, "stiffness": STIFFNESS, "damping_ratio": DAMPING_RATIO, "alpha": ALPHA,
-        "beta": BETA, "gamma_ratio": GAMMA / BETA, "delta_nu": DELTA_NU, "delta_eta": DELTA_ETA,
-    }  # fmt: skip
+        "mass": MASS,
+        "stiffness": STIFFNESS,
+        "damping_ratio": DAMPING_RATIO,
+        "alpha": ALPHA,
+        "beta": BETA,
+        "gamma_ratio": GAMMA / BETA,
+        "delta_nu": DELTA_NU,
+        "delta_eta": DELTA_ETA,
+    }
     return si.BoucWen(**(values | settings))
 
 

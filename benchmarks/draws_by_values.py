@@ -24,8 +24,15 @@ DRAWS = 8000
 WIDE = 1e3
 """Bounds of the priors, in standard deviations, of densities that fall to zero before."""
 HEADS = [
-    "draws", "right is", "let pass", "refused: not these values", "refused: another density's", "refused: too few", "not told", "s",
-]  # fmt: skip
+    "draws",
+    "right is",
+    "let pass",
+    "refused: not these values",
+    "refused: another density's",
+    "refused: too few",
+    "not told",
+    "s",
+]
 REFUSALS = (
     "a log density that is not that of the draws",
     "these are not draws of the given density",
@@ -207,21 +214,21 @@ def main() -> None:
             continue
         found.append(row(case, drawn, 1 if quick else SEEDS))
         print(" | ".join(found[-1]), flush=True)
-    text = f"""## Draws that come with values alone
+    text = f"""# Draws that come with values alone
 
 `benchmarks/draws_by_values.py`. {common.machine()}.
 
 Draws of another program often come with the log density at them, and without the density as a function. What `si.certify`
 says of them before any run of the model, by Stein's identity and by their Monte Carlo error
-([theory](theory/certificate.md)). A row is {SEEDS} samples, of {DRAWS:,} draws before a part is taken away. "Not these
+([theory](../../theory/certificate.md)). A row is {SEEDS} samples, of {DRAWS:,} draws before a part is taken away. "Not these
 values": a density that is fitted to the draws contradicts the values.
 "Too few": the Monte Carlo error of the draws' own averages is above the limits, whatever they are draws of.
-"Not told": the identity's errors are so large that half of a law would pass, so that nothing is certified.
+"Not told": the identity's errors are so large that half of a density would pass, so that nothing is certified.
 
 {common.markdown_table(HEADS, found)}
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=found)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

@@ -170,7 +170,7 @@ def main() -> None:
         print(rows[-1], flush=True)
     header = ["density", "error of log Z", "believed", "largest |z| of these", "s", "dynesty: error", "its |z|", "s"]
     text = f"""
-## Evidence
+# Evidence
 
 {common.machine("dynesty")}. `SMC()` as it comes, {SEEDS} seeds a row; dynesty's static sampler as it comes, {PEER_SEEDS} seeds.
 Believed is a run whose particles were at rest and whose verdict is *converged*. The modes are at ±3 in every coordinate of a box
@@ -178,7 +178,7 @@ from −10 to 10.
 
 {common.markdown_table(header, rows)}
 """
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
 
 
 if __name__ == "__main__":

@@ -30,9 +30,11 @@ from structid.models.masonry.finite_elements.assembly import Assembly
 NAME = "facade"
 STEP = 1e-3
 BOX = dict(
-    normal_energy=si.Uniform(1e3, 10e3), normal_strength=si.Uniform(0.87e6, 1.23e6),
-    tangential_energy=si.Uniform(0.5e5, 8e5), tangential_strength=si.Uniform(0.3e6, 3.7e6),
-)  # fmt: skip
+    normal_energy=si.Uniform(1e3, 10e3),
+    normal_strength=si.Uniform(0.87e6, 1.23e6),
+    tangential_energy=si.Uniform(0.5e5, 8e5),
+    tangential_strength=si.Uniform(0.3e6, 3.7e6),
+)
 COORDINATES = {
     "log_normal_stiffness": "log(normal_strength**2 / normal_energy)",
     "log_normal_strength": "log(normal_strength)",
@@ -74,9 +76,14 @@ def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     for count in batches:
         timing = timings[str(count)]
         rows.append(
-            [f"condensed, in lanes, {count} at once", f"{timing.cpu_median / count:.4f}", f"{timing.median / count:.4f}",
-             f"{THESIS_SECONDS * count / timing.cpu_median:,.0f}", "0.04, stretch 0.02"]
-        )  # fmt: skip
+            [
+                f"condensed, in lanes, {count} at once",
+                f"{timing.cpu_median / count:.4f}",
+                f"{timing.median / count:.4f}",
+                f"{THESIS_SECONDS * count / timing.cpu_median:,.0f}",
+                "0.04, stretch 0.02",
+            ]
+        )
     by_jax, traced = over_runs(model.response, (2, 0)), model.traced(record)
     rows.append(_timed("condensed, by JAX, 8 at once", partial(by_jax, designs[8], traced), 8))
     base = np.interp(STEP * np.arange(round(record.duration / STEP) + 1), record.time, record.values)
@@ -202,8 +209,15 @@ def box_rows(record: si.GroundMotion, runs: int) -> tuple[list[list[str]], str]:
     for limit, expected in LIMITS.items():
         times = si.first_passage(drift, "drift", limit)
         share, error = np.isfinite(times).mean(), 2.0 * np.sqrt(expected * (1.0 - expected) * (1.0 / runs + 1.0 / 2000))
-        rows.append([f"{1e3 * limit:.0f}", f"{share:.1%}", f"{expected:.1%}", f"{error:.1%}",
-                     f"{np.nanmin(times):.2f} to {np.nanmax(times):.2f}"])  # fmt: skip
+        rows.append(
+            [
+                f"{1e3 * limit:.0f}",
+                f"{share:.1%}",
+                f"{expected:.1%}",
+                f"{error:.1%}",
+                f"{np.nanmin(times):.2f} to {np.nanmax(times):.2f}",
+            ]
+        )
     peaks = 1e3 * np.quantile(np.abs(drift.channel("drift")).max(axis=1), [0.05, 0.25, 0.5, 0.75, 0.95])
     told = (
         f"{runs:,} runs take {seconds:.0f} s on this machine ({seconds / runs * 1e3:.1f} ms a run; limit 24 ms), and "
@@ -227,10 +241,15 @@ def surrogate_rows(record: si.GroundMotion, sizes: tuple[int, ...], unseen: int)
             surrogate = si.PODKriging().fit(runs)
             found = surrogate.validate(others)
             rows.append(
-                [f"{size}", "log stiffness, log strength" if coordinates else "energies, strengths", f"{found.mean:.4f}",
-                 f"{found.median:.4f}", f"{surrogate.fitted.seconds:.1f}",
-                 "0.03; 0.008" if size == 900 and coordinates else ""]
-            )  # fmt: skip
+                [
+                    f"{size}",
+                    "log stiffness, log strength" if coordinates else "energies, strengths",
+                    f"{found.mean:.4f}",
+                    f"{found.median:.4f}",
+                    f"{surrogate.fitted.seconds:.1f}",
+                    "0.03; 0.008" if size == 900 and coordinates else "",
+                ]
+            )
     return rows
 
 
@@ -251,7 +270,7 @@ def main() -> None:
         "box": ["drift [mm]", "passed", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
         "surrogates": ["runs", "fitted in", "mean error", "median", "fit [s]", "limit: mean; median"],
     }
-    text = f"""## The masonry façade
+    text = f"""# The masonry façade
 
 `benchmarks/facade.py`. {common.machine("openseespy")}. Engine: {machine.engine()}.
 
@@ -266,11 +285,11 @@ on one jump each, which is all it has; with these the two agree (`tests/verifica
 
 {common.markdown_table(heads["growth"], growth)}
 
-**The box** of the source's four parameters, Latin hypercube. {told}
+**The source's ranges** of four parameters, Latin hypercube. {told}
 
 {common.markdown_table(heads["box"], box)}
 
-**Surrogates** over the whole box, three channels, errors of unseen runs:
+**Surrogates** over these ranges, three channels, errors of unseen runs:
 
 {common.markdown_table(heads["surrogates"], surrogates)}
 """
@@ -284,7 +303,7 @@ on one jump each, which is all it has; with these the two agree (`tests/verifica
         surrogates=surrogates,
         told=told,
     )
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

@@ -302,12 +302,15 @@ def entry(
 def ratio_rows(ms: dict[tuple[str, str], float]) -> list[list[str]]:
     """Ratios the project is held to, the default substeps beside them."""
     limits = [
-        (200, ("OpenSeesPy", "dt 0.01"), 1500), (200, ("OpenSeesPy, file recorder", "dt 0.01"), None),
-        (200, ("SciPy RK45", "rtol 1e-3, max_step dt"), 5000), (2000, ("OpenSeesPy", "dt 0.01"), 1500),
-        (2000, ("OpenSeesPy, file recorder", "dt 0.01"), None), (200, ("Numba RK4, serial", label(1)), 10),
+        (200, ("OpenSeesPy", "dt 0.01"), 1500),
+        (200, ("OpenSeesPy, file recorder", "dt 0.01"), None),
+        (200, ("SciPy RK45", "rtol 1e-3, max_step dt"), 5000),
+        (2000, ("OpenSeesPy", "dt 0.01"), 1500),
+        (2000, ("OpenSeesPy, file recorder", "dt 0.01"), None),
+        (200, ("Numba RK4, serial", label(1)), 10),
         (2000, ("Numba RK4, serial", label(1)), 10),
         (2000, ("Numba RK4, all cores", label(1)), None),
-    ]  # fmt: skip
+    ]
     rows = []
     for runs, peer, limit in limits:
         if peer not in ms:
@@ -369,22 +372,38 @@ def report(entries: list[Entry], times: dict[str, common.Timing], quick: bool, r
         ]
         table.append([f"{e.peer}, {e.setting}", *cells, f"{e.velocity_error:.1e}", f"{e.displacement_error:.1e}"])
         common.record_result(
-            NAME, machine=common.machine("openseespy", "numba"), quick=quick, peer=e.peer, setting=e.setting, runs=e.runs,
-            ms_per_run=ms[e.peer, e.setting], seconds=timing.seconds, cpu_seconds=timing.cpu_seconds,
-            velocity_error=e.velocity_error, displacement_error=e.displacement_error,
-        )  # fmt: skip
+            NAME,
+            machine=common.machine("openseespy", "numba"),
+            quick=quick,
+            peer=e.peer,
+            setting=e.setting,
+            runs=e.runs,
+            ms_per_run=ms[e.peer, e.setting],
+            seconds=timing.seconds,
+            cpu_seconds=timing.cpu_seconds,
+            velocity_error=e.velocity_error,
+            displacement_error=e.displacement_error,
+        )
     likelihood = []
     for name, timing in times.items():
         if name.startswith("likelihood"):
             _, setting, runs = name.split(" | ")
             cost = 1e3 * timing.median / int(runs)
             likelihood.append([setting, runs, f"{1e3 * timing.median:.3g}", f"{cost:.3g}"])
-            common.record_result(NAME, quick=quick, peer="structid likelihood", setting=setting, runs=int(runs),
-                                 ms_per_run=cost, seconds=timing.seconds, cpu_seconds=timing.cpu_seconds)  # fmt: skip
+            common.record_result(
+                NAME,
+                quick=quick,
+                peer="structid likelihood",
+                setting=setting,
+                runs=int(runs),
+                ms_per_run=cost,
+                seconds=timing.seconds,
+                cpu_seconds=timing.cpu_seconds,
+            )
     header = ("how many times faster", "limit", label(1), "verdict", f"{label(DEFAULT_SUBSTEPS)} (default)")
     folder = common.documents(quick)
     draw(entries, ms, folder / "figures" / f"{NAME}.png")
-    text = f"""## One run of the oscillator
+    text = f"""# One run of the oscillator
 
 Degrading oscillator of the study, {DURATION:g} s record (4801 samples, PGA {PGA} m/s²); cost of one run, median of {repeats}
 interleaved repeats, after compilation; relative L2 errors against DOP853 at rtol 1e-10. The peers make one run after another on
@@ -402,9 +421,9 @@ What a sampler pays: one call of the log posterior density, model without degrad
 
 {common.markdown_table(("likelihood", "batch", "ms per call", "ms per run"), likelihood)}
 
-![cost against error](figures/{NAME}.png)
+![cost against error](../../figures/{NAME}.png)
 """
-    common.write_section(folder / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

@@ -32,10 +32,40 @@ SECONDS = 10
 CHECKED = 0.02
 """Share of the accepted studies whose model is simulated too, as `structid check` does."""
 WORDS = [
-    "NPTS=", "DT=", "nan", "inf", "-1", "0", "1e308", "1e-308", "99999999999", "\x00", "\ufeff", "é", '"', "'''", "[[", "]]",
-    "{", "}", "=", "\r", "\t", "g", "cm/s^2", "VELOCITY", "1.0D+03", "1,5", ";", "true", "2024-01-01", "#", "\\u0000", "\\x",
+    "NPTS=",
+    "DT=",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-308",
+    "99999999999",
+    "\x00",
+    "\ufeff",
+    "é",
+    '"',
+    "'''",
+    "[[",
+    "]]",
+    "{",
+    "}",
+    "=",
+    "\r",
+    "\t",
+    "g",
+    "cm/s^2",
+    "VELOCITY",
+    "1.0D+03",
+    "1,5",
+    ";",
+    "true",
+    "2024-01-01",
+    "#",
+    "\\u0000",
+    "\\x",
     "[discrepancy]",
-]  # fmt: skip
+]
 
 
 def mutated(rng: np.random.Generator, text: bytes) -> bytes:

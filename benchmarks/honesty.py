@@ -72,10 +72,15 @@ def sbc_rows(replicas: int) -> list[list[str]]:
         most, half = found.coverage(0.9), found.coverage(0.5)
         rows.append(
             [
-                label, "uniform" if found.uniform else "not uniform", f"{found.p_values.min():.2g}",
-                f"{half.min():.0%} to {half.max():.0%}", f"{most.min():.0%} to {most.max():.0%}", f"{seconds:.0f}", limit,
+                label,
+                "uniform" if found.uniform else "not uniform",
+                f"{found.p_values.min():.2g}",
+                f"{half.min():.0%} to {half.max():.0%}",
+                f"{most.min():.0%} to {most.max():.0%}",
+                f"{seconds:.0f}",
+                limit,
             ]
-        )  # fmt: skip
+        )
         figure = common.documents(replicas < 200) / "figures" / f"sbc_{len(rows)}"
         found.plot(figure)
         figure.with_suffix(".pdf").unlink()
@@ -97,9 +102,15 @@ def pinched() -> Any:
 def two_storeys() -> Any:
     """A frame whose first frequency is the oscillator's; its roof is measured."""
     return si.ShearFrame(
-        storeys=2, mass=MASS / 2.0, stiffness=0.62e6, damping_ratio=DAMPING_RATIO, alpha=0.1, beta=35.0,
-        gamma_ratio=GAMMA_RATIO, channels=("velocity_2",),
-    )  # fmt: skip
+        storeys=2,
+        mass=MASS / 2.0,
+        stiffness=0.62e6,
+        damping_ratio=DAMPING_RATIO,
+        alpha=0.1,
+        beta=35.0,
+        gamma_ratio=GAMMA_RATIO,
+        channels=("velocity_2",),
+    )
 
 
 TRUTHS = {
@@ -238,21 +249,38 @@ def main() -> None:
         ranks, rightly = sbc_rows(replicas), right_model_rows(right, laws)
         wrong = wrong_model_rows(records, laws, structures)
     heads = [
-        "noise and likelihood", "ranks", "smallest p of four", "50 % intervals hold", "90 % intervals hold", "seconds", "limit",
-    ]  # fmt: skip
+        "noise and likelihood",
+        "ranks",
+        "smallest p of four",
+        "50 % intervals hold",
+        "90 % intervals hold",
+        "seconds",
+        "limit",
+    ]
     wrong_heads = [
-        "left out: law", *(f"{name}: scatter/sd (shown sd on another record)" for name in space().names), "log evidence", "chosen",
-        "peaks covered", "strong part", "quiet part",
-    ]  # fmt: skip
-    right_heads = ["noise", "the right law", "others", "sd of stiffness, beta, alpha over the right law's", "limit"]
-    text = f"""## Honesty
+        "left out: error model",
+        *(f"{name}: scatter/sd (shown sd on another record)" for name in space().names),
+        "log evidence",
+        "chosen",
+        "peaks covered",
+        "strong part",
+        "quiet part",
+    ]
+    right_heads = [
+        "noise",
+        "the right error model",
+        "others",
+        "sd of stiffness, beta, alpha over those of the right error model",
+        "limit",
+    ]
+    text = f"""# Do intervals hold what they claim?
 
 `benchmarks/honesty.py`. {common.machine()}.
 
 **Simulation-based calibration** (`si.sbc`): an oscillator of 1 Hz with three unknown parameters, 10 s of a stochastic record at
 0.01 s, noise of 10 % of the RMS; {replicas} measurements simulated with parameters drawn from the prior, each calibrated. Ranks of
 the truth are uniform at the 1 % level where the likelihood is that of the noise; where the noise is AR(1) with φ = {PHI} and the
-likelihood takes it for independent, they are not. ([figures](figures/sbc_3.png))
+likelihood takes it for independent, they are not. ([figures](../../figures/sbc_3.png))
 
 {common.markdown_table(heads, ranks)}
 
@@ -270,7 +298,7 @@ the quiet one (limits 85 to 95 %). Damped cosine is what a study with a surrogat
 {common.markdown_table(wrong_heads, wrong)}
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), ranks=ranks, rightly=rightly, wrong=wrong)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

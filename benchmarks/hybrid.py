@@ -202,11 +202,13 @@ def main() -> None:
     results: dict[str, Any] = {"peaks": peaks(), "delays": delays(), "opensees": opensees()}
     results["orders"] = [] if quick else orders()
     seconds = 0.2 if quick else 20.0
-    results["loop"] = [loop(seconds, False), loop(seconds, True)] if quick else [
-        loop(seconds, everything) for everything in (False, True, True, True)
-    ]  # fmt: skip
+    results["loop"] = (
+        [loop(seconds, False), loop(seconds, True)]
+        if quick
+        else [loop(seconds, everything) for everything in (False, True, True, True)]
+    )
     common.record_result(NAME, quick=quick, machine=common.machine(), **results)
-    text = f"""## Hybrid tests: exactness, delays, and the loop
+    text = f"""# Hybrid tests: exactness, delays, and the loop
 
 `benchmarks/hybrid.py`. {common.machine()}.
 
@@ -236,7 +238,7 @@ laboratory that moves in real time needs its controller to interpolate between c
 
 {common.markdown_table(LOOP, results["loop"])}
 """
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

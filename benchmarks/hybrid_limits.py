@@ -99,11 +99,17 @@ def corrected() -> str:
     record = GroundMotion(pulse(time), 1e-3).scale_to_pga(6.36)
     tests = [
         HybridTest(
-            upper, SimulatedSpecimen(lower.force, Actuator(delay=delay)), record, dt=0.01, time_scale=50.0, physical=lower,
-            coupling=PrakashHjelmstad(500, "physical"), force_correction=corrected,
+            upper,
+            SimulatedSpecimen(lower.force, Actuator(delay=delay)),
+            record,
+            dt=0.01,
+            time_scale=50.0,
+            physical=lower,
+            coupling=PrakashHjelmstad(500, "physical"),
+            force_correction=corrected,
         )
         for delay, corrected in ((0.0, False), (0.060, False), (0.060, True))
-    ]  # fmt: skip
+    ]
     peaks = [float(np.abs(test._run_unchecked().coarse.u[:, 0]).max()) for test in tests]
     return f"{peaks[1] / peaks[0] - 1.0:+.1%} without and {peaks[2] / peaks[0] - 1.0:+.1%} with it"
 
@@ -133,7 +139,7 @@ def main() -> None:
     results["met"] = [] if quick else met()
     correction = "–" if quick else corrected()
     common.record_result(NAME, quick=quick, machine=common.machine(), correction=correction, **results)
-    text = f"""## Hybrid tests: what they can bear
+    text = f"""# Hybrid tests: delays, couplings and faults
 
 `benchmarks/hybrid_limits.py`. {common.machine()}.
 
@@ -167,7 +173,7 @@ frames of noise and of changed greetings, every seventh and thirty random bytes 
 open connections that announce megabytes: all refused, the server serves on, its memory grows by less than 50 MB. A specimen
 behind a socket equals one in the same process to the last bit.
 """
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

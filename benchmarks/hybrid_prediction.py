@@ -60,9 +60,15 @@ def predicted(number: int, law: str, quick: bool = False) -> list[str]:
             else "refused"
         )
         return [
-            str(number + 1), law, f"{low:.4g}–{high:.4g}", f"{1e3 * seen.peak:.4g}", "inside" if seen.covered else "outside",
-            said + (", doubted" if verdict.doubt else ""), f"{tested - began:.0f}", f"{time.perf_counter() - tested:.0f}",
-        ]  # fmt: skip
+            str(number + 1),
+            law,
+            f"{low:.4g}–{high:.4g}",
+            f"{1e3 * seen.peak:.4g}",
+            "inside" if seen.covered else "outside",
+            said + (", doubted" if verdict.doubt else ""),
+            f"{tested - began:.0f}",
+            f"{time.perf_counter() - tested:.0f}",
+        ]
 
 
 HEADS = ["specimen", "error model", "5–95 % [mm]", "happened [mm]", "", "verdict", "tests [s]", "learning [s]"]
@@ -74,7 +80,7 @@ def main() -> None:
     beside = [] if quick else [predicted(number, "iid") for number in range(3)]
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=rows, beside=beside)
     inside = sum(row[4] == "inside" for row in rows)
-    text = f"""## Hybrid tests: what one teaches of the next
+    text = f"""# Hybrid tests: prediction of the next test
 
 `benchmarks/hybrid_prediction.py`. {common.machine()}.
 
@@ -116,7 +122,7 @@ the vertical one, puts the truth 8 standard deviations away, since the model is 
 with 580 runs is refused (log weights spread by 1 475), in logarithms of stiffnesses and strengths, too (500 runs, no promise of
 a certificate): forces that jump have no smooth stand-in.
 """
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

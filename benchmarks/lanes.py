@@ -61,9 +61,13 @@ def oscillator(law: str, substeps: int) -> si.BoucWen:
 def frame(storeys: int, substeps: int) -> si.ShearFrame:
     """A frame of such springs, the velocity of its top observed."""
     return si.ShearFrame(
-        storeys=storeys, mass=common.MASS, damping_ratio=common.DAMPING_RATIO, free=common.study_space().names,
-        channels=(f"velocity_{storeys}",), substeps=substeps,
-    )  # fmt: skip
+        storeys=storeys,
+        mass=common.MASS,
+        damping_ratio=common.DAMPING_RATIO,
+        free=common.study_space().names,
+        channels=(f"velocity_{storeys}",),
+        substeps=substeps,
+    )
 
 
 def models(substeps: int) -> dict[str, Any]:
@@ -233,9 +237,15 @@ def main() -> None:
             for name, each, difference in timed(batch, count, repeats, by_hand):
                 table.append(cells(name, each, difference, batch, count))
                 common.record_result(
-                    NAME, machine=common.machine("llvmlite", "numba"), quick=quick, law=name, batch=batch, substeps=count,
-                    ms_per_run=each, difference=difference,
-                )  # fmt: skip
+                    NAME,
+                    machine=common.machine("llvmlite", "numba"),
+                    quick=quick,
+                    law=name,
+                    batch=batch,
+                    substeps=count,
+                    ms_per_run=each,
+                    difference=difference,
+                )
     workers = 400 if quick else 8000
     header = (
         "law, batch, substeps",
@@ -247,7 +257,7 @@ def main() -> None:
         "difference",
         "limits",
     )
-    text = f"""## Compiled lanes
+    text = f"""# Compiled lanes
 
 Milliseconds of one run of {DURATION:g} s (4001 samples), median of {repeats} interleaved repeats of 2000 runs, after compilation.
 "lanes" and "JAX" return histories of one velocity, "misfit" their sum of squared residuals alone. "by hand" is a
@@ -261,7 +271,7 @@ Processor's time of {workers} runs of the degrading oscillator, three substeps, 
 
 {common.markdown_table(("where", "CPU seconds", "over one core", "limit"), worker_rows(workers))}
 """
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

@@ -34,9 +34,19 @@ LEVELS = (0.05, 0.5, 0.95)
 FALSE = 0.25
 """Error of a mean in standard deviations, or of a standard deviation as a share, with which a claim is called false."""
 HEADS = [
-    "posterior", "program", "seeds", "true runs", "rounds", "seconds", "error of a mean [sd]", "of an sd", "of a quantile [sd]",
-    "claims", "false claims", "by `certify`",
-]  # fmt: skip
+    "posterior",
+    "program",
+    "seeds",
+    "model runs",
+    "rounds",
+    "seconds",
+    "error of a mean [sd]",
+    "of an sd",
+    "of a quantile [sd]",
+    "claims",
+    "false claims",
+    "by `certify`",
+]
 
 
 def reference_draws(case: Case, name: str, quick: bool) -> np.ndarray:
@@ -62,7 +72,7 @@ def compared(outcome: Outcome, reference: np.ndarray) -> dict[str, float]:
 
 
 def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
-    """What 60 true runs at a peer's draws say of them, and up to 40 others, asked for means and sds within those of `FALSE`."""
+    """What 60 model runs at a peer's draws say of them, and up to 40 others, asked for means and sds within those of `FALSE`."""
     if outcome.log_density is None:
         return ""
     try:
@@ -82,9 +92,17 @@ def one(case_word: str, method: str, seed: int, quick: bool) -> None:
     outcome, seconds = kept(case, f"{case_word}-{method}-{seed}", method, seed)
     errors = compared(outcome, reference_draws(case, case_word, quick))
     row = {
-        "case": case_word, "label": case.name, "method": method, "seed": seed, "runs": outcome.runs, "rounds": outcome.rounds,
-        "seconds": seconds, "claims": outcome.claims, **errors, "certify": by_certify(case, outcome, seed),
-    }  # fmt: skip
+        "case": case_word,
+        "label": case.name,
+        "method": method,
+        "seed": seed,
+        "runs": outcome.runs,
+        "rounds": outcome.rounds,
+        "seconds": seconds,
+        "claims": outcome.claims,
+        **errors,
+        "certify": by_certify(case, outcome, seed),
+    }
     print("ROW " + json.dumps(row))
 
 
@@ -176,12 +194,20 @@ def rows(found: list[dict[str, Any]]) -> list[list[str]]:
                 continue
             table.append(
                 [
-                    good[0]["label"], method, str(len(group)), spread(good, "runs", "{:,.0f}"), spread(good, "rounds", "{:,.0f}"),
-                    spread(good, "seconds", "{:.0f}"), spread(good, "mean", "{:.2f}"), spread(good, "sd", "{:.0%}"),
-                    spread(good, "quantile", "{:.2f}"), f"{sum(r['claims'] for r in good)} of {len(group)}",
-                    str(sum(map(false, good))), by_certify_of(good),
+                    good[0]["label"],
+                    method,
+                    str(len(group)),
+                    spread(good, "runs", "{:,.0f}"),
+                    spread(good, "rounds", "{:,.0f}"),
+                    spread(good, "seconds", "{:.0f}"),
+                    spread(good, "mean", "{:.2f}"),
+                    spread(good, "sd", "{:.0%}"),
+                    spread(good, "quantile", "{:.2f}"),
+                    f"{sum(r['claims'] for r in good)} of {len(group)}",
+                    str(sum(map(false, good))),
+                    by_certify_of(good),
                 ]
-            )  # fmt: skip
+            )
     return table
 
 
@@ -211,7 +237,7 @@ def main() -> None:
         return
     quick = common.is_quick(__doc__.splitlines()[0])
     table = rows(runs(quick))
-    text = f"""## Leaderboard
+    text = f"""## Every program on every posterior
 
 `benchmarks/leaderboard.py`. {common.machine("pyvbmc", "gpry", "emcee")}.
 
@@ -231,7 +257,7 @@ A mode that neither the peer nor any of these runs has touched is not known to `
 {common.markdown_table(HEADS, table)}
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=table)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_section(common.documents(quick) / "benchmarks" / "leaderboard.md", NAME, text)
     print(text)
 
 

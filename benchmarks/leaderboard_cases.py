@@ -86,9 +86,12 @@ def seven_parameters() -> Case:
     model, space, observation = degrading()
     record = observation.record
     return Case(
-        "seven parameters, degrading", model, space, observation,
+        "seven parameters, degrading",
+        model,
+        space,
+        observation,
         lambda theta: model.simulate(theta, record).values[..., 0],
-    )  # fmt: skip
+    )
 
 
 def of_a_formula(

@@ -35,7 +35,7 @@ class Outcome:
     claims : bool
         Whether it says that its draws may be believed: converged, or certified.
     runs, rounds : int
-        True runs, and how many followed one another.
+        Model runs, and how many followed one another.
     log_density : callable or None
         Of the draws' density, where the program knows it.
     known : tuple of ndarray or None
@@ -153,8 +153,11 @@ def emcee(case: Case, seed: int) -> Outcome:
 
 
 METHODS: dict[str, Callable[[Case, int], Outcome]] = {
-    "structid": structid, "PyVBMC": pyvbmc, "GPry": gpry, "emcee": emcee,
-}  # fmt: skip
+    "structid": structid,
+    "PyVBMC": pyvbmc,
+    "GPry": gpry,
+    "emcee": emcee,
+}
 
 
 def installed(method: str) -> bool:

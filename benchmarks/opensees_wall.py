@@ -86,16 +86,29 @@ def build(ops: Any, assembly: Assembly, joints: Uncoupled) -> None:
             ((joints.openings, joints.normal), (joints.slips, joints.tangential))
         ):
             ops.uniaxialMaterial(
-                "ElasticMultiLinear", 100 + 2 * number + direction, "-strain", *map(float, places),
-                "-stress", *map(float, values * joint.area),
-            )  # fmt: skip
+                "ElasticMultiLinear",
+                100 + 2 * number + direction,
+                "-strain",
+                *map(float, places),
+                "-stress",
+                *map(float, values * joint.area),
+            )
         # Direction 1 is horizontal: the tangent of a joint between courses, the normal of one between neighbours.
         across = (1, 0) if joint.normal[1] else (0, 1)
         element += 1
         ops.element(
-            "zeroLength", element, lower + 1, upper + 1, "-mat", *(100 + 2 * number + a for a in across), "-dir", 1, 2,
-            "-doRayleigh", 1,
-        )  # fmt: skip
+            "zeroLength",
+            element,
+            lower + 1,
+            upper + 1,
+            "-mat",
+            *(100 + 2 * number + a for a in across),
+            "-dir",
+            1,
+            2,
+            "-doRayleigh",
+            1,
+        )
     ops.uniaxialMaterial("Elastic", 1, masonry.steel_modulus)
     for number, ((one, other), stiffness) in enumerate(zip(mesh.bars, assembly.bar_stiffness, strict=True)):
         element += 1

@@ -26,9 +26,11 @@ PLAIN, TEMPERED, EXPONENT = 20, 10, 0.5
 POPULATION = np.random.default_rng(0).standard_normal((500, max(DIMENSIONS)))
 CORRELATED = 0.3
 HEADS = [
-    "q = N(0, I), and the true law", "limit", *(f"certified by 30 fresh draws alone, d = {d}" for d in DIMENSIONS),
+    "q = N(0, I), and the true density",
+    "limit",
+    *(f"certified by 30 fresh draws alone, d = {d}" for d in DIMENSIONS),
     *(f"by `si.certify`, d = {d}" for d in DIMENSIONS),
-]  # fmt: skip
+]
 LogRatio = Callable[[np.ndarray], np.ndarray]
 """log π/q at points, up to a constant."""
 
@@ -117,7 +119,7 @@ def main() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = rows(quick)
-    text = f"""## Power of the certificate
+    text = f"""# Power of the certificate
 
 `benchmarks/power.py`. {common.machine()}.
 
@@ -128,7 +130,7 @@ and, where the weights do not decide, learns from its runs what the true density
 {common.markdown_table(HEADS, found)}
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=found)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

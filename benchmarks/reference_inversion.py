@@ -92,13 +92,21 @@ def frame_posterior(storeys: int) -> si.Posterior:
 
     record = common.study_record(DURATION, common.STUDY_PGA)
     settings = {
-        "storeys": storeys, "mass": common.MASS, "damping_ratio": common.DAMPING_RATIO,
-        "channels": (f"velocity_{storeys}",), "substeps": 1,
-    }  # fmt: skip
+        "storeys": storeys,
+        "mass": common.MASS,
+        "damping_ratio": common.DAMPING_RATIO,
+        "channels": (f"velocity_{storeys}",),
+        "substeps": 1,
+    }
     truth = ShearFrame(
-        stiffness=common.STIFFNESS, alpha=common.ALPHA, beta=common.BETA, gamma_ratio=common.GAMMA / common.BETA,
-        delta_nu=common.DELTA_NU, delta_eta=common.DELTA_ETA, **settings,
-    )  # fmt: skip
+        stiffness=common.STIFFNESS,
+        alpha=common.ALPHA,
+        beta=common.BETA,
+        gamma_ratio=common.GAMMA / common.BETA,
+        delta_nu=common.DELTA_NU,
+        delta_eta=common.DELTA_ETA,
+        **settings,
+    )
     measured = truth.simulate(np.zeros((1, 0)), record).values[0]
     space = common.study_space()
     observation = si.Observation(record, measured, settings["channels"])
@@ -166,9 +174,15 @@ def store(times: dict[int, common.Timing], curves: list[Growth], steps: int, gro
     for curve in curves:
         slope, last = common.growth_exponent(curve.sizes, curve.seconds)
         common.record_result(
-            NAME, question=curve.label, steps=growth_steps, sizes=curve.sizes, exponent=slope, last_exponent=last,
-            seconds=[t.seconds for t in curve.timings], **shared,
-        )  # fmt: skip
+            NAME,
+            question=curve.label,
+            steps=growth_steps,
+            sizes=curve.sizes,
+            exponent=slope,
+            last_exponent=last,
+            seconds=[t.seconds for t in curve.timings],
+            **shared,
+        )
 
 
 def main() -> None:
@@ -191,7 +205,7 @@ def main() -> None:
         "times faster than published",
     )
     growth_header = ("against", "sizes", f"seconds for {growth_steps} steps", "growth exponent", "of the last interval")
-    text = f"""## The reference inversion
+    text = f"""# The reference inversion
 
 One ensemble of {WALKERS} walkers x {steps} steps ({WALKERS * steps} runs) of the full oscillator, {DURATION:g} s record
 (4001 samples, PGA {common.STUDY_PGA} m/s²), data of the degrading oscillator with {100 * common.NOISE:g} % noise, model without
@@ -205,9 +219,9 @@ slopes in logarithms; below 1 the fixed cost of a call still counts.
 
 {common.markdown_table(growth_header, growth_rows(curves))}
 
-![growth](figures/{NAME}_growth.png)
+![growth](../../figures/{NAME}_growth.png)
 """
-    common.write_section(folder / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

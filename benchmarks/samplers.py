@@ -29,8 +29,14 @@ POSTERIORDB = common.ROOT.parent / "shared" / "data" / "posteriordb"
 PGA = 1.8
 WALKERS = 128
 ENSEMBLE = si.AIES(
-    walkers=32, steps=3000, ensembles=4, differential_evolution=0.8, discard=0.3, start_candidates=10, settling_steps=500
-)  # fmt: skip
+    walkers=32,
+    steps=3000,
+    ensembles=4,
+    differential_evolution=0.8,
+    discard=0.3,
+    start_candidates=10,
+    settling_steps=500,
+)
 """As a study has it: 128 walkers in all."""
 SHORT_STAGES = {"effective_share": 0.5, "correlation": 0.3}
 """Stages of a tempering that is not to take long."""
@@ -79,9 +85,13 @@ def by_numpyro(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
         moves={NumPyroAIES.DEMove(): 0.8, NumPyroAIES.StretchMove(): 0.2},
     )
     chains = MCMC(
-        kernel, num_warmup=int(0.3 * steps), num_samples=steps - int(0.3 * steps), num_chains=len(start),
-        chain_method="vectorized", progress_bar=False,
-    )  # fmt: skip
+        kernel,
+        num_warmup=int(0.3 * steps),
+        num_samples=steps - int(0.3 * steps),
+        num_chains=len(start),
+        chain_method="vectorized",
+        progress_bar=False,
+    )
     chains.run(jax.random.PRNGKey(1), init_params=jax.numpy.asarray(start))
     return np.asarray(chains.get_samples(group_by_chain=True)).swapaxes(0, 1)
 
@@ -190,7 +200,7 @@ class Counted(si.Posterior):
 
 
 def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[list[str]]:
-    """True runs of an effective draw, without a surrogate and with good and bad ones."""
+    """Model runs of an effective draw, without a surrogate and with good and bad ones."""
     particles, steps = (250, 20) if quick else (1000, 60)
     reference = si.sample(posterior, si.SMC(particles=particles, steps=steps, **SHORT_STAGES), seed=99)
     counted = Counted(posterior.model_space, posterior.model, posterior.observations)
@@ -200,11 +210,27 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
     runs = plain.history.shape[0] * WALKERS
     plain_size = smallest_size(plain.kept)
     rows = [
-        ["AIES on the model itself", f"{runs:,}", f"{plain_size:.0f}", f"{runs / plain_size:.1f}", "1", "–", "–",
-         f"{from_reference(reference)(plain.kept):.1f}"],
-        ["tempered SMC on the model itself", f"{counted.asked:,}", f"{few_size:.0f}", f"{counted.asked / few_size:.1f}",
-         f"{(runs / plain_size) / (counted.asked / few_size):.0f}", "–", "–", f"{from_reference(reference)(few.kept):.1f}"],
-    ]  # fmt: skip
+        [
+            "AIES on the model itself",
+            f"{runs:,}",
+            f"{plain_size:.0f}",
+            f"{runs / plain_size:.1f}",
+            "1",
+            "–",
+            "–",
+            f"{from_reference(reference)(plain.kept):.1f}",
+        ],
+        [
+            "tempered SMC on the model itself",
+            f"{counted.asked:,}",
+            f"{few_size:.0f}",
+            f"{counted.asked / few_size:.1f}",
+            f"{(runs / plain_size) / (counted.asked / few_size):.0f}",
+            "–",
+            "–",
+            f"{from_reference(reference)(few.kept):.1f}",
+        ],
+    ]
     for row in rows:
         print(" | ".join(row), flush=True)
     design = posterior.model_space.sample(200, seed=3, method="sobol", widen=2.0)
@@ -213,10 +239,12 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
     # Effective draws are themselves known to a tenth or two: several seeds.
     calibrated_ones = {
         f"the calibrated surrogate ({calibrated.training_runs} runs), seed {seed}": (
-            calibrated.surrogate, calibrated.training_runs, seed,
+            calibrated.surrogate,
+            calibrated.training_runs,
+            seed,
         )
         for seed in ((3,) if quick else (3, 4, 5))
-    }  # fmt: skip
+    }
     surrogates = calibrated_ones | {
         "one of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200, 3),
         "a bad one, of 100": (si.PODKriging().fit(everywhere[:100]), 100, 3),
@@ -231,11 +259,16 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
         size, spent = smallest_size(result.kept), result.cost.true_runs + training
         rows.append(
             [
-                f"delayed acceptance, {label}", f"{spent:,}", f"{size:.0f}", f"{spent / size:.1f}",
-                f"{(runs / plain_size) / (spent / size):.0f}", f"{result.cost.acceptance:.0%}", f"{result.cost.sub_steps}",
+                f"delayed acceptance, {label}",
+                f"{spent:,}",
+                f"{size:.0f}",
+                f"{spent / size:.1f}",
+                f"{(runs / plain_size) / (spent / size):.0f}",
+                f"{result.cost.acceptance:.0%}",
+                f"{result.cost.sub_steps}",
                 f"{from_reference(reference)(result.kept):.1f}",
             ]
-        )  # fmt: skip
+        )
         print(" | ".join(rows[-1]), flush=True)
     return rows
 
@@ -295,10 +328,17 @@ def write(quick: bool, speed: list[list[str]], exact: list[list[str]], evidence:
         "from the reference",
     ]
     exact_heads = [
-        "how", "true runs", "effective draws", "true runs for one", "fewer by", "accepted", "sub-chain", "from the reference",
-    ]  # fmt: skip
+        "how",
+        "model runs",
+        "effective draws",
+        "model runs for one",
+        "fewer by",
+        "accepted",
+        "sub-chain",
+        "from the reference",
+    ]
     evidence_heads = ["the truth", "log Z, degrading", "log Z, not degrading", "difference", "limit"]
-    text = f"""## Samplers, exact sampling, evidence
+    text = f"""# Samplers, exact sampling, evidence
 
 `benchmarks/samplers.py`. {common.machine("emcee", "numpyro", "blackjax")}.
 
@@ -311,7 +351,7 @@ second moment from the reference draws (posteriordb's own; for the study tempere
 {common.markdown_table(speed_heads, speed)}
 
 **Delayed acceptance** on the study `bouc_wen`, stochastic record, against an ensemble on the model itself and tempered particles,
-their stages included. True runs include those that the surrogate was fitted to. The limit is 20 times fewer than the ensemble's.
+their stages included. Model runs include those that the surrogate was fitted to. The limit is 20 times fewer than the ensemble's.
 
 {common.markdown_table(exact_heads, exact)}
 
@@ -321,7 +361,7 @@ their stages included. True runs include those that the surrogate was fitted to.
 """
     values = {"speed": speed, "exact": exact, "evidence": evidence}
     common.record_result(NAME, quick=quick, machine=common.machine(), **values)
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

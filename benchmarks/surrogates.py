@@ -301,7 +301,7 @@ def section(accurate: Any, evaluated: Any, more: Any, scalar: Any, growth: Any) 
         "fit [s]",
         "limit",
     ]
-    return f"""## Surrogates
+    return f"""# Surrogates
 
 `benchmarks/surrogates.py`. {common.machine("scikit-learn")}.
 
@@ -348,7 +348,7 @@ def main() -> None:
         scalar=scalar,
         growth=growth,
     )
-    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    common.write_page(quick, NAME, text)
     print(text)
 
 

@@ -19,10 +19,13 @@ NAME = "thesis"
 def times() -> Row:
     """What the thesis's inversions took, beside ours."""
     return Row(
-        "text", "computing times", joined(["33 h the model", "55 min PC-NARX", "18 h Kriging-NARX", "40 s a run of the façade"]),
-        "–", joined(["0.4 to 0.8 s", "0.5 s", "0.5 s", "0.008 s of one core"]),
+        "text",
+        "computing times",
+        joined(["33 h the model", "55 min PC-NARX", "18 h Kriging-NARX", "40 s a run of the façade"]),
+        "–",
+        joined(["0.4 to 0.8 s", "0.5 s", "0.5 s", "0.008 s of one core"]),
         "compiled batches in place of a run at a time; see the pages of benchmarks",
-    )  # fmt: skip
+    )
 
 
 def page(chapters: list[Chapter], seconds: float) -> str:

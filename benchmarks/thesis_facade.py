@@ -27,8 +27,20 @@ MILESTONES = (1.25, 1.45, 1.75, 2.2, 2.4)
 JOINTS = dict(normal_energy=12.0, normal_strength=0.18e6, tangential_energy=130.0, tangential_strength=0.27e6)
 """Mortar of the virtual specimen."""
 
-BRICKS = np.array([[985.0, 22.7], [1195.9, 27.1], [1194.0, 27.1], [760.9, 17.4], [871.1, 19.9], [1099.9, 25.1],
-                   [1123.9, 25.7], [1001.7, 23.2], [1185.8, 27.1], [1108.4, 25.5]])  # fmt: skip
+BRICKS = np.array(
+    [
+        [985.0, 22.7],
+        [1195.9, 27.1],
+        [1194.0, 27.1],
+        [760.9, 17.4],
+        [871.1, 19.9],
+        [1099.9, 25.1],
+        [1123.9, 25.7],
+        [1001.7, 23.2],
+        [1185.8, 27.1],
+        [1108.4, 25.5],
+    ]
+)
 """Table 4.2: force [kN] and strength [MPa]."""
 MORTAR = {"K": (15.36, 14.17, 15.48, 17.12, 15.25, 14.27), "S": (2.73, 2.65, 2.86, 2.95, 2.65, 2.43)}
 """Table 4.3: compressive strength [MPa]."""
@@ -47,16 +59,31 @@ def materials() -> list[Row]:
     load, compressive, modulus = MASONRY.mean(axis=0)
     return [
         Row("T 4.1", "a brick: sizes, densities", why="data of a producer: nothing to compute"),
-        Row("T 4.2", "bricks in compression", joined(["1052.7 kN", "24.1 MPa, sd 3.3"]),
-            joined([f"{force:.1f} kN", f"{strength:.1f} MPa, sd {BRICKS[:, 1].std(ddof=1):.1f}"]), "–", ""),
-        Row("T 4.3", "mortar in compression", joined(["K 14.90 MPa", "S 2.77 MPa"]),
+        Row(
+            "T 4.2",
+            "bricks in compression",
+            joined(["1052.7 kN", "24.1 MPa, sd 3.3"]),
+            joined([f"{force:.1f} kN", f"{strength:.1f} MPa, sd {BRICKS[:, 1].std(ddof=1):.1f}"]),
+            "–",
+            "",
+        ),
+        Row(
+            "T 4.3",
+            "mortar in compression",
+            joined(["K 14.90 MPa", "S 2.77 MPa"]),
             joined([f"{name} {values.mean():.2f} MPa" for name, values in mortar.items()]),
             joined([f"{name} {value:.2f} MPa" for name, value in dropped.items()]),
-            "the printed means are those of five values of six, without the one that is farthest away"),
-        Row("T 4.4, 4.5", "masonry", joined(["455.02 kN, 5.14 MPa", "E 4.21 GPa"]),
-            joined([f"{load:.2f} kN, {compressive:.2f} MPa", f"E {modulus:.2f} GPa"]), "–",
-            "the modulus is the default of `Masonry`; table 4.5 prints it under MPa"),
-    ]  # fmt: skip
+            "the printed means are those of five values of six, without the one that is farthest away",
+        ),
+        Row(
+            "T 4.4, 4.5",
+            "masonry",
+            joined(["455.02 kN, 5.14 MPa", "E 4.21 GPa"]),
+            joined([f"{load:.2f} kN, {compressive:.2f} MPa", f"E {modulus:.2f} GPa"]),
+            "–",
+            "the modulus is the default of `Masonry`; table 4.5 prints it under MPa",
+        ),
+    ]
 
 
 def tests(clock: Clock, folder: Path, quick: bool) -> list[Row]:
@@ -92,17 +119,37 @@ def tests(clock: Clock, folder: Path, quick: bool) -> list[Row]:
     clock("strains of a wall at milestones")
     spectrum = record.response_spectrum(np.array([0.1]), damping_ratio=0.03)
     return [
-        Row("T 4.6", "six tests, #1a to #5", "PGA 0.45 to 6.36 m/s²; #5 diverges at 2.41 s",
-            joined(f"#{name} {largest[name]:.2g} mm" for name in found), f"{seconds:.0f} s in all",
-            "a virtual specimen of the same programme: that of the thesis is gone, and its forces are not to be had"),
-        Row("F 4.8", "record and spectrum at 3 %", "6.36 m/s²",
+        Row(
+            "T 4.6",
+            "six tests, #1a to #5",
+            "PGA 0.45 to 6.36 m/s²; #5 diverges at 2.41 s",
+            joined(f"#{name} {largest[name]:.2g} mm" for name in found),
+            f"{seconds:.0f} s in all",
+            "a virtual specimen of the same programme: that of the thesis is gone, and its forces are not to be had",
+        ),
+        Row(
+            "F 4.8",
+            "record and spectrum at 3 %",
+            "6.36 m/s²",
             f"{record.pga:.2f} m/s²; S_a(0.1 s) {spectrum.pseudo_acceleration[0]:.1f} m/s²",
-            "–", "El Centro; the picture has the spectrum at 5 %"),
-        Row("F 4.9, 4.10", "loops and displacements of the tests", published="see below",
-            why="of the virtual specimen; its damage stays from test to test"),
-        Row("F 4.11", "von Mises' strains at T1 to T5 of test #5", "1.25, 1.45, 1.75, 2.2, 2.4 s",
-            "see below", "–", "the whole wall shaken, its strains as a camera sees them; the thesis's pictures are measured ones"),
-    ]  # fmt: skip
+            "–",
+            "El Centro; the picture has the spectrum at 5 %",
+        ),
+        Row(
+            "F 4.9, 4.10",
+            "loops and displacements of the tests",
+            published="see below",
+            why="of the virtual specimen; its damage stays from test to test",
+        ),
+        Row(
+            "F 4.11",
+            "von Mises' strains at T1 to T5 of test #5",
+            "1.25, 1.45, 1.75, 2.2, 2.4 s",
+            "see below",
+            "–",
+            "the whole wall shaken, its strains as a camera sees them; the thesis's pictures are measured ones",
+        ),
+    ]
 
 
 def hybrid_chapter(clock: Clock, quick: bool) -> Chapter:
@@ -155,14 +202,24 @@ def passages(clock: Clock, folder: Path, quick: bool) -> list[Row]:
     strength = np.asarray(runs.design.values)[found.passed][:, space.names.index("tangential_strength")]
     clock("passages")
     return [
-        Row("F 5.3", f"instability over the box, {len(runs):,} runs", "87 % before 2.36 s",
+        Row(
+            "F 5.3",
+            f"instability over the box, {len(runs):,} runs",
+            "87 % before 2.36 s",
             f"{found.passed.mean():.1%} pass {1e3 * LIMIT:.0f} mm, {early:.1%} before 2.36 s",
             f"none with τ_max above {strength.max() * 1e-6:.2f} MPa" if len(strength) else "none",
             "the thesis's instability is that of its time integration, which does not converge; here every run does, and a "
-            "drift of 5 % of the height counts"),
-        Row("F 5.4", "the same for σ_max > 1 MPa and τ_max > 1.5 MPa", "none",
-            f"{found.passed[inside].mean():.1%} of {inside.sum():,}", "–", "agrees"),
-    ]  # fmt: skip
+            "drift of 5 % of the height counts",
+        ),
+        Row(
+            "F 5.4",
+            "the same for σ_max > 1 MPa and τ_max > 1.5 MPa",
+            "none",
+            f"{found.passed[inside].mean():.1%} of {inside.sum():,}",
+            "–",
+            "agrees",
+        ),
+    ]
 
 
 def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
@@ -186,7 +243,8 @@ def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
         clock(f"NARX of {channel}: {found}")
         rows.append(
             Row(
-                f"F 5.{5 + number}, 5.{8 + number}", f"NARX of {channel}, Prony terms, {len(runs)} runs",
+                f"F 5.{5 + number}, 5.{8 + number}",
+                f"NARX of {channel}, Prony terms, {len(runs)} runs",
                 f"ε̄ {printed[channel]}",
                 f"ε̄ {finite.mean():.2g}, median {np.median(found.overall):.2g}, {found.diverged} diverged, "
                 f"{len(fitted.terms)} terms",
@@ -194,7 +252,7 @@ def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
                 "another record, and another criterion of what stands; ours have cross-channel terms and are trained on "
                 "the free run",
             )
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -229,15 +287,33 @@ def facade_chapter(clock: Clock, quick: bool) -> Chapter:
     mesh = model.mesh
     clock("law of the joints and mesh")
     rows = [
-        Row("F 5.1", "traction and separation of a joint", "as McGarry et al. (2014)", "see below", "works to 1e-8",
-            "the law in closed form; its works φ_n and φ_t are tested, the curves of that paper are not to be had"),
-        Row("T 5.1", "priors of the joints", "U[1, 10]e3, U[0.87, 1.23]e6, U[0.5, 8]e5, U[0.3, 3.7]e6", "the same", "–", ""),
-        Row("F 5.2", "the mesh", "15 blocks, 34 joints, 7 bars, 120 dof",
-            f"{len(mesh.blocks)} blocks, {len(mesh.joints)} joints, {len(mesh.bars)} bars, {len(mesh.free)} free dof", "–",
-            "the 120 count the supports"),
+        Row(
+            "F 5.1",
+            "traction and separation of a joint",
+            "as McGarry et al. (2014)",
+            "see below",
+            "works to 1e-8",
+            "the law in closed form; its works φ_n and φ_t are tested, the curves of that paper are not to be had",
+        ),
+        Row(
+            "T 5.1",
+            "priors of the joints",
+            "U[1, 10]e3, U[0.87, 1.23]e6, U[0.5, 8]e5, U[0.3, 3.7]e6",
+            "the same",
+            "–",
+            "",
+        ),
+        Row(
+            "F 5.2",
+            "the mesh",
+            "15 blocks, 34 joints, 7 bars, 120 dof",
+            f"{len(mesh.blocks)} blocks, {len(mesh.joints)} joints, {len(mesh.bars)} bars, {len(mesh.free)} free dof",
+            "–",
+            "the 120 count the supports",
+        ),
         *passages(clock, folder, quick),
         *narx(clock, folder, quick),
-    ]  # fmt: skip
+    ]
     drawn = (
         ("joint", "F 5.1: traction against opening and against slip."),
         ("mesh", "F 5.2: the mesh."),

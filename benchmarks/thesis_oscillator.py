@@ -25,11 +25,17 @@ START = np.array([[5.0e6, 57.0, 0.0, 0.5]])
 """The one start of its deterministic searches: k_i, β, γ, α."""
 PUBLISHED = si.AIES(
     walkers=100, steps=700, ensembles=1, discard=0.5, differential_evolution=0.0, start_candidates=1, settling_steps=0
-)  # fmt: skip
+)
 """Its sampler: one ensemble from draws of the prior, stretch moves alone, 70 000 runs, the first half left out."""
 CONVERGED = si.AIES(
-    walkers=32, ensembles=4, steps=3000, discard=0.25, differential_evolution=0.8, start_candidates=10, settling_steps=500
-)  # fmt: skip
+    walkers=32,
+    ensembles=4,
+    steps=3000,
+    discard=0.25,
+    differential_evolution=0.8,
+    start_candidates=10,
+    settling_steps=500,
+)
 SEVERAL_MODES = si.SMC(particles=1000)
 """For posteriors of several modes, in which an ensemble does not converge."""
 PARAMETERS = ("stiffness", "beta", "gamma_ratio", "alpha", "sigma2")
@@ -57,9 +63,13 @@ def linear_limit(folder: Path) -> Row:
 
     difference = example.main(folder / "linear_limit")
     return Row(
-        "F 3.3", "linear limit against Duhamel's integral", "“yes”, to 2 mm", "–", f"{difference:.1e} of the norm",
+        "F 3.3",
+        "linear limit against Duhamel's integral",
+        "“yes”, to 2 mm",
+        "–",
+        f"{difference:.1e} of the norm",
         "the thesis compares peaks; here the whole history",
-    )  # fmt: skip
+    )
 
 
 def loop(record: si.GroundMotion, folder: Path) -> Row:
@@ -69,14 +79,19 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
     first, last = lines.alpha_interval
     held = ["holds" if low < 7.6 < high else "misses", "holds" if first < common.ALPHA < last else "misses"]
     return Row(
-        "F 3.7", "two lines through the measured loop",
+        "F 3.7",
+        "two lines through the measured loop",
         joined(["k_i 7.42 kN/mm", "α 0.063"]),
         joined([f"k_i {lines.initial_stiffness * 1e-6:.2f} kN/mm", f"α {lines.alpha:.3f}"]),
-        joined([f"k_i {low:.2f} to {high:.2f}, {held[0]} the true 7.6",
-                f"α {first:.3f} to {last:.3f}, {held[1]} the true 0.05"]),
+        joined(
+            [
+                f"k_i {low:.2f} to {high:.2f}, {held[0]} the true 7.6",
+                f"α {first:.3f} to {last:.3f}, {held[1]} the true 0.05",
+            ]
+        ),
         "another record; slopes of a smooth loop depend on the range of the lines. On twelve records and two strengths 80 of 92 "
         "intervals hold α",
-    )  # fmt: skip
+    )
 
 
 # --- deterministic calibration ------------------------------------------------------------------------------------
@@ -85,9 +100,11 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
 def searches(record: si.GroundMotion, starts: int) -> Row:
     """Table 3.3: both methods from the thesis's start, and from several."""
     space = si.ParameterSpace(
-        stiffness=si.Uniform(4.27, 11.85, unit="kN/mm"), beta=si.Uniform(55.0, 65.0, unit="1/m"),
-        gamma=si.Uniform(-65.0, 65.0, unit="1/m"), alpha=si.Uniform(0.0, 1.0),
-    )  # fmt: skip
+        stiffness=si.Uniform(4.27, 11.85, unit="kN/mm"),
+        beta=si.Uniform(55.0, 65.0, unit="1/m"),
+        gamma=si.Uniform(-65.0, 65.0, unit="1/m"),
+        alpha=si.Uniform(0.0, 1.0),
+    )
     velocity = degrading(record, "velocity")
     misfit = si.Posterior(space, calibrated(space), si.Observation(record, velocity)).misfit
     bounds = ("gamma <= beta", "-beta <= gamma")
@@ -106,11 +123,13 @@ def searches(record: si.GroundMotion, starts: int) -> Row:
         found.append(several.best.theta)
     apart = float((np.abs(found[0] - found[1]) / np.ptp(space.bounds, axis=1)).max())
     return Row(
-        "T 3.3, F 3.5, 3.6", "identified parameters, no degradation in the model",
-        joined(["pattern: k_i 4, β 65, γ −23, α 0", "interior point: k_i 5.00, β 57, γ 0, α 0.5"]), joined(one),
+        "T 3.3, F 3.5, 3.6",
+        "identified parameters, no degradation in the model",
+        joined(["pattern: k_i 4, β 65, γ −23, α 0", "interior point: k_i 5.00, β 57, γ 0, α 0.5"]),
+        joined(one),
         joined([*many, f"the two best differ by {apart:.0e} of the ranges"]),
         "the printed interior point is its starting point: that search has not moved. There is one best minimum; print has two",
-    )  # fmt: skip
+    )
 
 
 # --- posteriors ---------------------------------------------------------------------------------------------------
@@ -185,10 +204,34 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
         "Kriging-NARX": (lambda: si.KrigingNARX(**settings).fit(runs), lambda: si.KrigingNARX(limit=10.0).fit(few)),
     }
     printed = {
-        "the model": ("T 3.5, F 3.9–3.11", (4.5, 0.018), (65, 0.36), (-0.38, 0.25), (0.035, 0.0053), (2.0, 0.047), "33 h"),
-        "PC-NARX": ("T 3.6, F 3.17–3.19", (4.6, 0.11), (61, 1.7), (-0.14, 0.19), (0.043, 0.0098), (2.0, 0.051), "55 min"),
-        "Kriging-NARX": ("T 3.7, F 3.20–3.22", (4.5, 0.01), (64, 0.25), (-0.22, 0.014), (0.023, 0.0025), (1.9, 0.039), "18 h"),
-    }  # fmt: skip
+        "the model": (
+            "T 3.5, F 3.9–3.11",
+            (4.5, 0.018),
+            (65, 0.36),
+            (-0.38, 0.25),
+            (0.035, 0.0053),
+            (2.0, 0.047),
+            "33 h",
+        ),
+        "PC-NARX": (
+            "T 3.6, F 3.17–3.19",
+            (4.6, 0.11),
+            (61, 1.7),
+            (-0.14, 0.19),
+            (0.043, 0.0098),
+            (2.0, 0.051),
+            "55 min",
+        ),
+        "Kriging-NARX": (
+            "T 3.7, F 3.20–3.22",
+            (4.5, 0.01),
+            (64, 0.25),
+            (-0.22, 0.014),
+            (0.023, 0.0025),
+            (1.9, 0.039),
+            "18 h",
+        ),
+    }
     why = {
         "the model": "another record, and in 700 steps some walkers of one ensemble are still stuck where they began, which "
         "widens the posterior. The printed sd of γ* (0.25) does not belong to its quantiles (−0.42 to −0.34)",
@@ -213,18 +256,36 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
         told = [f"{s} {interval(*m)}" for s, m in zip(SYMBOLS, moments, strict=True)]
         rows.append(
             Row(
-                place, f"posterior under {name}; k_i in kN/mm, β in 10⁻³/mm, σ² in 10⁻⁴ (m/s)²", joined([*told, hours]),
-                joined([*one.moments, one.convergence, f"{one.stuck} walkers stuck", f"{one.seconds:.1f} s", *converged]),
-                joined([*other.moments, other.convergence, f"{other.seconds:.1f} s"]), why[name],
+                place,
+                f"posterior under {name}; k_i in kN/mm, β in 10⁻³/mm, σ² in 10⁻⁴ (m/s)²",
+                joined([*told, hours]),
+                joined(
+                    [*one.moments, one.convergence, f"{one.stuck} walkers stuck", f"{one.seconds:.1f} s", *converged]
+                ),
+                joined([*other.moments, other.convergence, f"{other.seconds:.1f} s"]),
+                why[name],
             )
-        )  # fmt: skip
+        )
         pictures(other if name == "the model" else one, name, folder)
         if name == "the model":
             rows.append(
-                Row("T 3.5", "its quantiles and MAP estimates",
-                    joined(["k_i 4.4 to 4.5, MAP 4.4", "β 64 to 65, MAP 64", "γ* −0.42 to −0.34, MAP −0.40",
-                            "α 0.027 to 0.044, MAP 0.031", "σ² 1.9 to 2.1, MAP 2"]),
-                    joined(one.quantiles), joined(other.quantiles), "as above"))  # fmt: skip
+                Row(
+                    "T 3.5",
+                    "its quantiles and MAP estimates",
+                    joined(
+                        [
+                            "k_i 4.4 to 4.5, MAP 4.4",
+                            "β 64 to 65, MAP 64",
+                            "γ* −0.42 to −0.34, MAP −0.40",
+                            "α 0.027 to 0.044, MAP 0.031",
+                            "σ² 1.9 to 2.1, MAP 2",
+                        ]
+                    ),
+                    joined(one.quantiles),
+                    joined(other.quantiles),
+                    "as above",
+                )
+            )
     return rows
 
 
@@ -249,9 +310,15 @@ def pictures(of: Sampled, name: str, folder: Path) -> None:
         tuple(1e3 * edge[:, 0] for edge in prediction.band(discrepancy=discrepancy)) for discrepancy in (False, True)
     )
     bands(
-        prediction.time, 1e3 * observation.values[:, 0], best, inner, outer, "velocity", "mm/s",
+        prediction.time,
+        1e3 * observation.values[:, 0],
+        best,
+        inner,
+        outer,
+        "velocity",
+        "mm/s",
         save=folder / f"response_{key}",
-    )  # fmt: skip
+    )
 
 
 # --- metamodels ---------------------------------------------------------------------------------------------------
@@ -285,23 +352,33 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
     ours["PCNARX"].validation.plot(save=folder / "pc_narx_best")
     rows.append(
         Row(
-            "F 3.12, 3.13", "NARX by itself: free run over the design of 1000, coefficients of each run by least squares",
+            "F 3.12, 3.13",
+            "NARX by itself: free run over the design of 1000, coefficients of each run by least squares",
             "ε̄ 7.74e-3, 10 terms",
             joined([f"ε̄ {own.mean:.2e}, {len(pc.terms)} terms", f"ε̄ {of_more.mean:.2e}, {len(more.terms)} terms"]),
-            f"ε̄ {best.mean:.1e}", "ours have terms of a hysteretic memory, and are refined on the free run itself",
+            f"ε̄ {best.mean:.1e}",
+            "ours have terms of a hysteretic memory, and are refined on the free run itself",
         )
-    )  # fmt: skip
+    )
     loo = {most: found["PCNARX", most][0].coefficients.deviation.leave_one_out_error for most in (10, 15)}
     kriging = {most: found["KrigingNARX", most][0].coefficients.deviation for most in (10, 15)}
     errors = {most: np.asarray(getattr(k, "leave_one_out_error", np.nan)) for most, k in kriging.items()}
     rows.append(
         Row(
-            "F 3.14", "leave-one-out errors of the coefficients", joined(["PCE below 9.77e-3", "Kriging 4.39e-3"]),
-            joined([f"PCE {loo[m].min():.1e} to {loo[m].max():.1e}, Kriging {np.nanmin(errors[m]):.1e} to "
-                    f"{np.nanmax(errors[m]):.1e}, {len(found['PCNARX', m][0].terms)} terms" for m in (10, 15)]),
-            "–", "ours are trained together: none is interpolated by itself",
+            "F 3.14",
+            "leave-one-out errors of the coefficients",
+            joined(["PCE below 9.77e-3", "Kriging 4.39e-3"]),
+            joined(
+                [
+                    f"PCE {loo[m].min():.1e} to {loo[m].max():.1e}, Kriging {np.nanmin(errors[m]):.1e} to "
+                    f"{np.nanmax(errors[m]):.1e}, {len(found['PCNARX', m][0].terms)} terms"
+                    for m in (10, 15)
+                ]
+            ),
+            "–",
+            "ours are trained together: none is interpolated by itself",
         )
-    )  # fmt: skip
+    )
 
     def told(name: str, most: int) -> str:
         surrogate, validation = found[name, most]
@@ -311,12 +388,14 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
 
     rows.append(
         Row(
-            "F 3.15, 3.16", f"mean error over {len(unseen):,} unseen runs", joined(["PC 9.66e-3", "Kriging 9.00e-3"]),
+            "F 3.15, 3.16",
+            f"mean error over {len(unseen):,} unseen runs",
+            joined(["PC 9.66e-3", "Kriging 9.00e-3"]),
             joined(told(name, most) for most in (10, 15) for name in ("PCNARX", "KrigingNARX")),
             joined([f"PC {ours['PCNARX'].validation.mean:.1e}", f"Kriging {ours['KrigingNARX'].validation.mean:.1e}"]),
             "as published the error is that of the terms; ours are trained on the free run, with a hysteretic memory",
         )
-    )  # fmt: skip
+    )
     return rows
 
 
@@ -347,12 +426,18 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
     space.sample(700, 1).plot(folder / "prior")
     frequency = experiment.properties()["f"]
     rows = [
-        Row("T 3.1, F 3.4", "the simulated experiment", "f ≈ 4 Hz", f"f {frequency:.3f} Hz", "–",
-            "the same numbers; δ_ν is 2.43 in print and 2.3 in the thesis's code"),
+        Row(
+            "T 3.1, F 3.4",
+            "the simulated experiment",
+            "f ≈ 4 Hz",
+            f"f {frequency:.3f} Hz",
+            "–",
+            "the same numbers; δ_ν is 2.43 in print and 2.3 in the thesis's code",
+        ),
         Row("F 3.2", "the record", "PGA 3.59 m/s²", f"PGA {strong.pga:.2f} m/s²", "–", "El Centro stands in for it"),
         linear_limit(folder),
         Row("T 3.2", "ranges of the searches", "k_i 4.27 to 11.85, β 55 to 65, |γ| ≤ β, α 0 to 1", "the same", "–", ""),
-    ]  # fmt: skip
+    ]
     clock("figures of the experiment")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", si.StructidWarning)
@@ -360,9 +445,15 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
         clock("deterministic searches")
         rows += [
             loop(strong, folder),
-            Row("T 3.4, F 3.8", "priors, and samples of them", "sd of k_i 0.1 kN/mm", "sd of k_i 0.742 kN/mm", "–",
-                "the printed sd would put the printed posterior 29 sds away: it is a coefficient of variation"),
-        ]  # fmt: skip
+            Row(
+                "T 3.4, F 3.8",
+                "priors, and samples of them",
+                "sd of k_i 0.1 kN/mm",
+                "sd of k_i 0.742 kN/mm",
+                "–",
+                "the printed sd would put the printed posterior 29 sds away: it is a coefficient of variation",
+            ),
+        ]
         rows += metamodels(strong, clock, folder, quick)
         rows += posteriors(study, clock, folder, quick)
     words = (
