@@ -168,7 +168,16 @@ def main() -> None:
         common.record_result(NAME, quick=quick, **found)
         rows.append(row(case, runs, peers))
         print(rows[-1], flush=True)
-    header = ["density", "error of log Z", "believed", "largest |z| of these", "s", "dynesty: error", "its |z|", "s"]
+    header = [
+        "density",
+        "error of log Z",
+        "believed",
+        "largest of these, in its own errors",
+        "s",
+        "dynesty: error",
+        "in its own errors",
+        "s",
+    ]
     text = f"""
 # Evidence
 

@@ -42,7 +42,7 @@ CONCRETE = {
     "models": {"BoucWen", "ShearFrame"},
     "external": {"ExternalModel", "CallableModel", "ProgramModel", "UMBridgeModel"},
     "surrogates": {
-        "Surrogate", "ResponseSpaceSurrogate", "ParametricNARX", "NARXWithRest", "PODKriging", "PODPCE", "PCNARX",
+        "Surrogate", "ResponseSpaceSurrogate", "ParametricNARX", "NARXBesideKriging", "PODKriging", "PODPCE", "PCNARX",
         "KrigingNARX", "CorrectedNARX", "NARX", "KrigingPredictor", "ChaosExpansion",
     },
     "inference": {"AIES", "SMC", "NUTS", "DelayedAcceptance", "IID", "AR1", "Matern32", "DampedCosine"},

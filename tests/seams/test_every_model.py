@@ -112,7 +112,7 @@ MODELS = {
     ),
     "ResponseSpaceSurrogate": (lambda folder: fitted(si.PODPCE()), SPRING, False),
     "ParametricNARX": (lambda folder: fitted(si.PCNARX(degree=1, steps=2)), SPRING, True),
-    "NARXWithRest": (lambda folder: fitted(si.CorrectedNARX(si.PCNARX(degree=1, steps=2))), SPRING, True),
+    "NARXBesideKriging": (lambda folder: fitted(si.CorrectedNARX(si.PCNARX(degree=1, steps=2))), SPRING, True),
 }
 
 

@@ -82,8 +82,8 @@ def calibrate(
 
     A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempered
     stages. The model is then run at draws of this posterior, at points where the surrogate is least sure, and at tempered draws.
-    All these runs train the next surrogate. A NARX, which reproduces none of its runs exactly, gives more weight to those near
-    the posterior, and what it leaves over on the records of the observations is interpolated; see `CorrectedNARX`. When the
+    All these runs train the next surrogate. Beside a NARX, which reproduces none of its runs exactly, a POD-Kriging responds
+    to the records of the observations; see `CorrectedNARX`. When the
     importance weights of the plain draws are nearly equal, the surrogate's posterior is sampled until the draws have converged and
     a second explorer agrees with them. The next round then spends `Plan.certificate` true runs on a `Certificate`: at fresh draws
     of these, a third of them tempered. If it fails, they too train the next surrogate, and judge it, each left out in turn.

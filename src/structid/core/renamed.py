@@ -18,14 +18,20 @@ def warn_of(old: str, new: str, stacklevel: int = 3) -> None:
 
 
 def renamed_argument(**new_names: str) -> Callable[[T], T]:
-    """Accept arguments under earlier names, as in ``@renamed_argument(law="error_model")``."""
+    """Accept arguments of a function or class under earlier names, as in ``@renamed_argument(law="error_model")``."""
 
     def decorated(function: T) -> T:
+        if isinstance(function, type):
+            setattr(function, "__init__", decorated(getattr(function, "__init__")))  # noqa: B009, B010, as mypy wants it
+            return function
+
+        name = function.__qualname__.removesuffix(".__init__")
+
         @functools.wraps(function)
         def called(*arguments: Any, **named: Any) -> Any:
             for old, new in new_names.items():
                 if old in named:
-                    warn_of(f"{function.__qualname__}({old}=…)", f"{function.__qualname__}({new}=…)")
+                    warn_of(f"{name}({old}=…)", f"{name}({new}=…)")
                     named[new] = named.pop(old)
             return function(*arguments, **named)
 

@@ -193,9 +193,7 @@ def runs():
     return si.Campaign(MODEL, GROUND, SPACE.sample(40, seed=1)).run()
 
 
-@pytest.mark.parametrize(
-    "settings", [si.PCNARX(degree=2), si.KrigingNARX(degree=2), si.CorrectedNARX(si.PCNARX(degree=2, steps=0))]
-)
+@pytest.mark.parametrize("settings", [si.PCNARX(degree=2), si.KrigingNARX(degree=2)])
 def test_every_recursion(settings, runs):
     compared(settings.fit(runs), GROUND, SPACE.sample(5, seed=2).values)
 
@@ -206,10 +204,7 @@ POD = {
     "lengths of each score": si.PODKriging(kriging=si.Kriging(shared=False, separable=True), left_out_energy=1e-4),
     "PC-Kriging": si.PODKriging(kriging=si.Kriging(trend=si.PCE(degree=2)), left_out_energy=1e-4),
     "PCE": si.PODPCE(),
-    "a NARX and Kriging": si.CorrectedNARX(si.PCNARX(degree=1, steps=0), si.PODKriging(left_out_energy=1e-7)),
-    "Kriging beside a NARX": si.CorrectedNARX(
-        si.PCNARX(degree=1, steps=0), si.PODKriging(left_out_energy=1e-4), whole=True
-    ),
+    "Kriging beside a NARX": si.CorrectedNARX(si.PCNARX(degree=1, steps=0), si.PODKriging(left_out_energy=1e-4)),
 }
 
 
@@ -296,6 +291,6 @@ def test_the_whole_of_a_hybrid_test(coupling):
 def test_no_model_is_forgotten():
     tried = {
         *("BoucWen", "MasonryWall", "ShearFrame", "DriftingModel", "ImposedDisplacements", "VirtualHybridTest"),
-        *("ParametricNARX", "NARXWithRest", "ResponseSpaceSurrogate"),
+        *("ParametricNARX", "NARXBesideKriging", "ResponseSpaceSurrogate"),
     }
     assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried

@@ -1,4 +1,4 @@
-"""A NARX, and a POD-Kriging of what it leaves over on the records whose runs are known."""
+"""A NARX for any record, and a POD-Kriging that responds to the records whose runs are known."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.core.errors import InputError, Status
+from structid.core.errors import InputError
 from structid.surrogates.surrogate_list import load_surrogate
 from structid.surrogates.surrogate_validation import relative_errors
 
@@ -46,8 +46,8 @@ def test_it_comes_through_its_runs(fitted, runs):
 def test_on_the_records_of_its_runs_it_is_better_than_the_narx_alone(fitted, unseen):
     alone = mean_error(fitted.narx, unseen)
     together = mean_error(fitted, unseen)
-    assert together < 0.1 * alone
-    assert 0.1 < fitted.fitted.error / together < 10.0  # as it was estimated while fitting
+    assert together < 0.3 * alone
+    assert 0.1 < fitted.fitted.error / together < 20.0  # left out in turn, the ends of a wide design err most
 
 
 def test_to_another_record_the_narx_responds_alone(fitted, unseen):
@@ -64,7 +64,7 @@ def test_to_another_record_the_narx_responds_alone(fitted, unseen):
     np.testing.assert_allclose(*variances, rtol=1e-12)
 
 
-def test_its_standard_deviation_is_that_of_the_rest(fitted, unseen):
+def test_its_standard_deviation_is_that_of_the_kriging(fitted, unseen):
     found, spread = fitted.predict(unseen, RECORD, return_std=True)
     error = (found.values - MODEL.simulate(unseen, RECORD).values) / spread
     assert 0.3 < np.sqrt(np.mean(error**2)) < 2.0
@@ -75,76 +75,56 @@ def test_its_standard_deviation_is_that_of_the_rest(fitted, unseen):
     assert drawn.std(axis=0).max() == pytest.approx(spread[0].max(), rel=0.1)
 
 
-@pytest.mark.parametrize("whole", [False, True])
-def test_what_it_says_of_a_run_that_is_left_out(runs, whole):
-    """By the formula, with the NARX of all runs; and by a fit to the others, with the correlation lengths of that fit."""
-    settings = replace(SETTINGS, whole=whole)
-    said = settings.fit(runs).left_out(runs.design.values, RECORD)
+def test_what_it_says_of_a_run_that_is_left_out(fitted, runs):
+    """By the formula; and by a fit to the others, with the correlation lengths of that fit."""
+    predicted = fitted.left_out(runs.design.values, RECORD)
     others = runs[np.arange(len(runs)) != 5]
-    found = settings.fit(others).simulate(runs.design[5:6], RECORD).values[0]
-    scale = np.sqrt(np.mean((said - runs.values) ** 2))
-    assert np.sqrt(np.mean((said[5] - found) ** 2)) < 2.0 * scale
+    refitted = SETTINGS.fit(others).simulate(runs.design[5:6], RECORD).values[0]
+    scale = np.sqrt(np.mean((predicted - runs.values) ** 2))
+    assert np.sqrt(np.mean((predicted[5] - refitted) ** 2)) < 2.0 * scale
 
 
-def test_the_whole_response_beside_the_narx(runs, unseen):
-    found, pod = replace(SETTINGS, whole=True).fit(runs), si.PODKriging().fit(runs)
-    theta = found.parameters(unseen)
+def test_on_the_records_of_its_runs_it_is_the_kriging(fitted, runs, unseen):
+    pod = si.PODKriging().fit(runs)
+    theta = fitted.parameters(unseen)
     np.testing.assert_allclose(
-        found.simulate(unseen, RECORD).values, pod.simulate(unseen, RECORD).values, rtol=0, atol=1e-12
+        fitted.simulate(unseen, RECORD).values, pod.simulate(unseen, RECORD).values, rtol=0, atol=1e-12
     )
     np.testing.assert_array_equal(
-        found.sampled(theta, RECORD, np.random.default_rng(1)), pod.sampled(theta, RECORD, np.random.default_rng(1))
+        fitted.sampled(theta, RECORD, np.random.default_rng(1)), pod.sampled(theta, RECORD, np.random.default_rng(1))
     )
-    np.testing.assert_array_equal(found.simulate(unseen, OTHER).values, found.narx.simulate(unseen, OTHER).values)
     measured = si.Observation(RECORD, MODEL.simulate([[7.2e6, 0.3]], RECORD).values[0, :, 0])
-    law = si.IID(variance=1e-4)
+    errors = si.IID(variance=1e-4)
     points = SPACE.sample(20, seed=4).values
-    ours, theirs = (si.Posterior(SPACE, s, measured, law).log_density(points) for s in (found, pod))
+    ours, theirs = (si.Posterior(SPACE, s, measured, errors).log_density(points) for s in (fitted, pod))
     np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 def test_a_surrogate_of_the_same_runs_lends_its_narx(fitted, runs):
-    form = replace(SETTINGS, rest=si.PODKriging(kriging=si.Kriging(correlation="gaussian")))
+    form = replace(SETTINGS, kriging=si.PODKriging(kriging=si.Kriging(correlation="gaussian")))
     assert form.fit(runs, start=fitted).narx is fitted.narx
     assert form.fit(runs[:35], start=fitted).narx is not fitted.narx
 
 
-def test_a_run_through_which_the_narx_does_not_come_is_left_out(fitted, runs):
-    """Its rest is not known; the others are learnt as ever."""
-
-    class Lost(type(fitted.narx)):
-        def run(self, theta, excitation, progress=None, map=None):
-            found = super().run(theta, excitation, progress, map)
-            lost = theta[:, 0] > np.sort(runs.design.values[:, 0])[-4]
-            values = np.where(lost[:, None, None], np.nan, found.values)
-            return replace(found, values=values, status=np.where(lost, Status.DIVERGED, found.status))
-
-    class Losing(si.PCNARX):
-        def fit(self, runs, progress=None, weights=None):
-            narx = super().fit(runs, progress, weights)
-            narx.__class__ = Lost
-            return narx
-
-    found = si.CorrectedNARX(Losing(degree=1, steps=0)).fit(runs)
-    assert found.fitted.runs == 37 and found.fitted.left_out == 3
-    said = found.left_out(runs.design.values, RECORD)
-    lost = np.isnan(said).all(axis=(1, 2))
-    assert lost.sum() == 3 and np.isfinite(said[~lost]).all()
-
-
-@pytest.mark.parametrize("whole", [False, True])
-def test_it_is_read_again(runs, unseen, tmp_path, whole):
-    fitted = replace(SETTINGS, whole=whole).fit(runs)
+def test_it_is_read_again(fitted, runs, unseen, tmp_path):
     again = load_surrogate(fitted.save(tmp_path / "surrogate.h5"))
     for record in (RECORD, OTHER):
         np.testing.assert_array_equal(again.simulate(unseen, record).values, fitted.simulate(unseen, record).values)
     assert again.content_hash == fitted.content_hash and str(again) == str(fitted)
-    assert replace(SETTINGS, whole=whole).fit(runs).content_hash == fitted.content_hash
+    assert SETTINGS.fit(runs).content_hash == fitted.content_hash
     assert again.structure_in_words == fitted.structure_in_words and RECORD.name in again.structure_in_words[-1][1]
 
 
+def test_a_file_of_the_sum_that_an_earlier_version_wrote_is_refused(fitted):
+    plain, arrays = fitted.to_plain()
+    with pytest.raises(InputError, match=r"a sum of a NARX and a Kriging.* Fit it again"):
+        type(fitted).from_plain(
+            fitted.fitted, {"narx": plain["narx"], "rest": plain["kriging"], "whole": False}, arrays
+        )
+
+
 def test_an_excitation_with_a_lead_in():
-    """Periods that are run first and dropped: the rest is known for the last one."""
+    """Periods that are run first and dropped: the Kriging knows the last one."""
     signal = si.ForceHistory(
         2e4 * np.sin(np.arange(300) * 2.0 * np.pi / 100.0), 0.02, interpolation="periodic", lead_in_periods=2
     )
@@ -155,6 +135,11 @@ def test_an_excitation_with_a_lead_in():
     np.testing.assert_allclose(
         fitted.response(runs.design.values, fitted.traced(signal))[0].transpose(2, 0, 1), found, rtol=1e-9
     )
+
+
+def test_an_earlier_name_works_with_a_warning():
+    with pytest.warns(DeprecationWarning, match=r"CorrectedNARX\(rest=…\) is now called"):
+        assert si.CorrectedNARX(NARX, rest=si.PODKriging(left_out_energy=1e-7)).kriging.left_out_energy == 1e-7
 
 
 @pytest.mark.parametrize("other", [si.PODKriging(), si.NARX(), "pc_narx"])

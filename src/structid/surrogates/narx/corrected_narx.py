@@ -1,4 +1,4 @@
-"""A NARX for any record, with a POD-Kriging of its residuals on the records of the runs."""
+"""A NARX for any record, with a POD-Kriging for the records of its runs."""
 
 from __future__ import annotations
 
@@ -9,25 +9,23 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from structid.campaign.runs import InMemory, Runs
+from structid.campaign.runs import Runs
 from structid.core.errors import InputError
 from structid.core.progress import Progress, Stages
+from structid.core.renamed import renamed_argument
 from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
 from structid.probability.designs import Design
 from structid.surrogates.base import SurrogateSettings
-from structid.surrogates.fit import Fit, OutsideRule, Stopwatch, fitted_range, fitting_runs, run_digests
-from structid.surrogates.narx.narx_with_rest import NARXWithRest
+from structid.surrogates.fit import OutsideRule, Stopwatch, fitting_runs, run_digests
+from structid.surrogates.narx.narx_beside_kriging import NARXBesideKriging
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARXSettings
 from structid.surrogates.pod.pod_kriging import PODKriging
 from structid.surrogates.surrogate_kind import SurrogateKind
 
-STAGES = {"narx": 10.0, "rest": 2.0}
+STAGES = {"narx": 10.0, "kriging": 2.0}
 """Stages of a fit, and their fraction of its time."""
-
-LARGEST_ENERGY = 0.5
-"""Largest fraction of the residuals' variance that their components may omit."""
 
 
 class TrainedNARX(SurrogateSettings, Protocol):
@@ -47,27 +45,22 @@ class TrainedNARX(SurrogateSettings, Protocol):
         """Fit to runs; see `SurrogateSettings.fit`."""
 
 
+@renamed_argument(rest="kriging")
 @check_arguments
 @dataclass(frozen=True)
 class CorrectedNARX:
-    """Settings: a NARX n, and a POD-Kriging r of what it leaves over on the records of the runs, y(t, θ) ≈ n(t, θ) + r(t, θ).
+    """Settings: a NARX for any record, and a POD-Kriging of the response to the records of its runs.
 
-    A NARX of few terms takes any record, and reproduces none of its runs exactly. A `PODKriging` of what it leaves over on a
-    record passes through all runs, so that on these records the sum becomes as exact as the runs make it. To any other record the
-    NARX responds alone.
-
-    A recursion whose terms have kinks is not quite smooth as a function of its parameters (for an oscillator of Bouc–Wen to about
-    1e-5 of the response). With many runs in a small region that is what limits the sum. The response itself is smoother there.
+    A NARX of few terms takes any record, and reproduces none of its runs exactly. On the records of the runs a `PODKriging`
+    responds instead, which passes through all of them. A calibration with a NARX uses this: the Kriging is what is certified, and
+    the NARX predicts other records without further runs of the model.
 
     Parameters
     ----------
     narx : PCNARX or KrigingNARX
         Settings of the NARX.
-    rest : PODKriging
-        Settings of what it leaves over. The share of the variance that the components leave out is one of the response's.
-    whole : bool
-        Whether the POD-Kriging is of the whole response on the records of the runs, y(t, θ) ≈ r(t, θ), and the NARX is for other
-        records only.
+    kriging : PODKriging
+        Settings of the Kriging.
 
     Examples
     --------
@@ -77,8 +70,7 @@ class CorrectedNARX:
     """
 
     narx: TrainedNARX
-    rest: PODKriging = field(default_factory=PODKriging)
-    whole: bool = False
+    kriging: PODKriging = field(default_factory=PODKriging)
 
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = True
@@ -100,17 +92,13 @@ class CorrectedNARX:
 
     @property
     def forms(self) -> tuple[CorrectedNARX, ...]:
-        """Forms of the Kriging, of the residuals or of the whole response, for a calibration; see `PODKriging.forms`."""
-        return tuple(replace(self, rest=form, whole=whole) for whole in (False, True) for form in self.rest.forms)
+        """Forms of the Kriging for a calibration; see `PODKriging.forms`."""
+        return tuple(replace(self, kriging=form) for form in self.kriging.forms)
 
     @property
     def in_words(self) -> dict[str, Any]:
         """All settings, JSON-compatible."""
-        return {
-            "narx": {"kind": type(self.narx).__name__, **self.narx.in_words},
-            "rest": self.rest.in_words,
-            "whole": self.whole,
-        }
+        return {"narx": {"kind": type(self.narx).__name__, **self.narx.in_words}, "kriging": self.kriging.in_words}
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made.
@@ -127,18 +115,18 @@ class CorrectedNARX:
         Raises
         ------
         InputError
-            If no NARX can be fitted to them, or no POD-Kriging of what it leaves over.
+            If no NARX can be fitted to them, or no POD-Kriging.
         """
         self.narx.check(design, records, channels)
-        self.rest.check(design, records, channels)
+        self.kriging.check(design, records, channels)
 
     def fit(
         self,
         runs: Runs,
         progress: Progress | None = None,
-        start: NARXWithRest | None = None,
+        start: NARXBesideKriging | None = None,
         weights: np.ndarray | None = None,
-    ) -> NARXWithRest:
+    ) -> NARXBesideKriging:
         """Fit to runs on one record or several.
 
         Parameters
@@ -147,7 +135,7 @@ class CorrectedNARX:
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
             Called with the percentage of the fit that is done, and 100.
-        start : NARXWithRest, optional
+        start : NARXBesideKriging, optional
             A surrogate fitted to some of these runs. The search for correlation lengths starts from its own. If it was fitted to
             all of them, its NARX is this one's as well.
         weights : ndarray, shape (run,), optional
@@ -155,7 +143,7 @@ class CorrectedNARX:
 
         Returns
         -------
-        NARXWithRest
+        NARXBesideKriging
             A model for any record, which is at its best on those of the runs.
         """
         watch, stages = Stopwatch(), Stages(progress, STAGES)
@@ -166,43 +154,17 @@ class CorrectedNARX:
         else:
             narx = self.narx.fit(runs, stages.of("narx"), weights=weights)
         stages.done("narx")
-        left_over, share = (done, 1.0) if self.whole else _left_over(narx, done)
-        energy = min(self.rest.energy / share, LARGEST_ENERGY)
-        start_of_rest = start.rest if start is not None and start.whole == self.whole else None
-        rest = replace(self.rest, left_out_energy=energy).fit(left_over, stages.of("rest"), start_of_rest)
-        fit = Fit(
-            "CorrectedNARX",
-            self.in_words,
-            done.design.space,
-            done.channels,
-            rest.fitted.excitation,
-            rest.fitted.dt,
-            *fitted_range(done.design),
-            len(left_over),
-            left_out + len(done) - len(left_over),
-            rest.fitted.error * share,
-            self.limit,
-            self.outside,
-            watch.seconds,
-            digests,
-            self.rest.reach or 0.0,
+        kriging = self.kriging.fit(done, stages.of("kriging"), None if start is None else start.kriging)
+        fit = replace(
+            kriging.fitted,
+            kind="CorrectedNARX",
+            settings=self.in_words,
+            left_out=left_out,
+            limit=self.limit,
+            outside=self.outside,
+            seconds=watch.seconds,
         )
-        return NARXWithRest(fit, narx, rest, self.whole)
+        return NARXBesideKriging(fit, narx, kriging)
 
 
-def _left_over(narx: ParametricNARX, runs: Runs) -> tuple[Runs, float]:
-    """Residuals of a NARX in runs that it completes, and their mean square relative to the runs' own variance."""
-    values, through = np.full(runs.stored.shape, np.nan), np.zeros(len(runs), dtype=bool)
-    squares, variance = np.zeros((2, len(runs.channels)))
-    for number in np.unique(runs.record_of_run):
-        of_record, record = np.flatnonzero(runs.record_of_run == number), runs.records[number]
-        true = runs.on(int(number)).values[:, : len(record)]
-        left = true - narx.run(runs.design.values[of_record], record).values
-        kept = np.isfinite(left).all(axis=(1, 2))
-        values[of_record, : len(record)], through[of_record] = left, kept
-        squares += (left[kept] ** 2).sum(axis=(0, 1))
-        variance += ((true - true.mean(axis=1, keepdims=True))[kept] ** 2).sum(axis=(0, 1))
-    return replace(runs, stored=InMemory(values))[through], float(np.mean(squares / variance))
-
-
-KIND = SurrogateKind(CorrectedNARX, NARXWithRest)
+KIND = SurrogateKind(CorrectedNARX, NARXBesideKriging)
