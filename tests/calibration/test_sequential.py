@@ -93,7 +93,7 @@ def test_a_killed_one_goes_on_to_the_same_bits(calibrated, space, model, measure
     def stop(what, done, total):
         # In the second round, when its points have been chosen but not run.
         stop.seen = stop.seen | {what} if what == "exploring its posterior" else stop.seen
-        stop.rounds += what == "true runs"
+        stop.rounds += what == "model runs"
         if stop.rounds == 2:
             raise Killed
 

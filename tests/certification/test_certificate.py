@@ -119,7 +119,7 @@ def test_a_small_shift_is_told():
     assert one.certified and one.variation.estimate < one.variation.bound <= 0.1
     assert abs(one.shift[0] - 0.03) < 4.0 * one.shift_error[0] + 0.005
     told = str(one)
-    assert "CERTIFIED (99 true runs, 30 of them at fresh draws)" in told and "not known" in told
+    assert "CERTIFIED (99 model runs, 30 of them at fresh draws)" in told and "not known" in told
     plain = one.to_plain()
     assert plain["verdict"] == "certified" and plain["variation"]["bound"] == one.variation.bound
     assert plain["unseen"] == pytest.approx(3.0 / one.variation.draws)

@@ -17,7 +17,7 @@ def seconds(monkeypatch):
 
 
 def test_a_stage_is_one_line(capsys, seconds):
-    with stage("true runs") as told:
+    with stage("model runs") as told:
         for done in range(1, 4):
             seconds[0] += 5.0
             told(done, 3, failed=1)

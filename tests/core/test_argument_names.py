@@ -46,7 +46,7 @@ def public_callables():
 
 @pytest.mark.parametrize("function", list(public_callables()), ids=lambda f: f.__qualname__)
 def test_every_public_name_refuses_an_argument_that_it_does_not_have(function):
-    with pytest.raises(InputError, match=r"\(nothing_of_the_kind\): an argument that it does not have. Allowed: \w+"):
+    with pytest.raises(InputError, match=r"\(nothing_of_the_kind\): an argument that it does not have. Expected: \w+"):
         function(nothing_of_the_kind=1)
 
 
@@ -60,7 +60,7 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
     [
         (
             lambda: si.calibrate(SPACE, MODEL, MEASURED),
-            r"calibrate\(model\): a ParameterSpace\. Allowed: a model such as",
+            r"calibrate\(model\): a ParameterSpace\. Expected: a model such as",
         ),
         (
             lambda: si.calibrate(MODEL, SPACE, MEASURED, "pod_kriging"),
@@ -68,11 +68,11 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
         ),
         (
             lambda: si.Posterior(SPACE, MODEL, RECORD.values),
-            r"Posterior\(observations\): an array\. Allowed: a structid.Obs",
+            r"Posterior\(observations\): an array\. Expected: a structid.Obs",
         ),
         (
             lambda: si.Observation(RECORD.values, RECORD),
-            r"Observation\(record\): an array\. Allowed: a structid\.GroundMotion",
+            r"Observation\(record\): an array\. Expected: a structid\.GroundMotion",
         ),
         (lambda: MODEL.simulate({"stiffness": 7e6}, RECORD), r"parameters: values by name.*columns stiffness"),
         (
@@ -81,7 +81,7 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
         ),
         (lambda: si.Posterior(SPACE, MODEL, [MEASURED, 3.0]), r"Posterior\(observations\): a float"),
         (lambda: si.Posterior(SPACE, MODEL, MEASURED, "ar1"), r"Posterior\(discrepancy\): the text 'ar1'.*AR1"),
-        (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): an AIES\. Allowed: a structid.Posterior"),
+        (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): an AIES\. Expected: a structid.Posterior"),
     ],
 )
 def test_a_value_of_another_kind(call, words):
@@ -90,7 +90,7 @@ def test_a_value_of_another_kind(call, words):
 
 
 def test_what_is_left_out_is_told():
-    with pytest.raises(InputError, match=r"GroundMotion: dt left out\. Allowed: GroundMotion\(values, dt, …\)"):
+    with pytest.raises(InputError, match=r"GroundMotion: dt left out\. Expected: GroundMotion\(values, dt, …\)"):
         si.GroundMotion(RECORD.values)
     with pytest.raises(InputError, match=r"Posterior: model and observations left out"):
         si.Posterior(SPACE)
@@ -104,7 +104,7 @@ def test_what_is_given_is_shown_in_a_line():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: RECORD.scale_to_pga("0.2 g"), r"scale_to_pga\(pga\): the text '0.2 g'. Allowed: a number.*help\("),
+        (lambda: RECORD.scale_to_pga("0.2 g"), r"scale_to_pga\(pga\): the text '0.2 g'. Expected: a number.*help\("),
         (lambda: si.sample(None, seed="a"), r"sample\(seed\): the text 'a'"),
         (lambda: si.Uniform("1 kN", 2.0), r"Uniform\(low\): the text '1 kN'"),
         (lambda: RECORD.lowpass(edge="20"), r"lowpass\(edge\): the text '20'"),

@@ -6,13 +6,13 @@ import structid as si
 def test_every_step_has_a_bar_and_a_round_begins_anew(capsys):
     with si.ProgressBars() as bars:
         for done in (1, 2):
-            bars("true runs", done, 2)
+            bars("model runs", done, 2)
         bars("sampling", 50, 100)
-        bars("true runs", 1, 4)
+        bars("model runs", 1, 4)
         tasks = {task.description: (task.completed, task.total) for task in bars._display.tasks}
-        assert tasks == {"true runs": (1, 4), "sampling": (50, 100)}
+        assert tasks == {"model runs": (1, 4), "sampling": (50, 100)}
     shown = capsys.readouterr().err
-    assert "true runs" in shown and "1/4" in shown and "sampling" in shown and "50%" in shown
+    assert "model runs" in shown and "1/4" in shown and "sampling" in shown and "50%" in shown
 
 
 def test_failures_are_counted(capsys):

@@ -82,7 +82,7 @@ def test_names_that_every_output_carries(name, tmp_path):
 
 
 def test_a_channel_twice_is_refused():
-    with pytest.raises(InputError, match=r"velocity, velocity\. Allowed: each channel once"):
+    with pytest.raises(InputError, match=r"velocity, velocity\. Expected: each channel once"):
         si.Observation(RECORD, np.ones((len(RECORD), 2)), ("velocity", "velocity"))
 
 

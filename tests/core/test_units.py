@@ -41,7 +41,7 @@ def test_wrong_quantities_name_the_key(text):
         (
             "2",
             "",
-            "'2', a text without a unit. Allowed: a text with its unit, such as '2 %', or the number without quotes",
+            "'2', a text without a unit. Expected: a text with its unit, such as '2 %', or the number without quotes",
         ),
     ],
 )

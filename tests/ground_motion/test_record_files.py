@@ -155,7 +155,7 @@ def test_a_unit_in_the_head_of_the_column_is_checked(head, tmp_path):
 
 def test_three_columns_are_asked_about(tmp_path):
     (tmp_path / "r.txt").write_text("0.00 1.0 2.0\n0.01 1.5 2.5\n")
-    with pytest.raises(InputError, match=r"3 values a line, and no column named. Allowed: column=1 to 2"):
+    with pytest.raises(InputError, match=r"3 values a line, and no column named. Expected: column=1 to 2"):
         si.GroundMotion.read(tmp_path / "r.txt", unit="g")
     np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.txt", unit="g", column=2).values, [2.0 * G, 2.5 * G])
 

@@ -97,7 +97,7 @@ def test_a_space_comes_back_from_its_plain_words(study_space):
 
 
 def test_a_correlation_beyond_one_is_named_with_its_pair():
-    with pytest.raises(InputError, match=r"correlation of a and b: 2.0. Allowed: a number between -1 and 1"):
+    with pytest.raises(InputError, match=r"correlation of a and b: 2.0. Expected: a number between -1 and 1"):
         si.ParameterSpace(correlation={("a", "b"): 2.0}, a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
 
 

@@ -37,7 +37,7 @@ def test_good_draws_with_their_density(drawn):
     folder, result = drawn
     called = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
     head = (
-        "CERTIFIED of a density that is known at the draws alone (36 true runs, 30 of them at fresh draws, 5 in search"
+        "CERTIFIED of a density that is known at the draws alone (36 model runs, 30 of them at fresh draws, 5 in search"
     )
     assert called.returncode == 0 and head in called.stdout, called.stdout + called.stderr
     page = (folder / "good" / "report.html").read_text()

@@ -40,7 +40,7 @@ def test_runs_then_a_calibration_then_the_page_again(folder):
     assert outcome.results[Runs].done.all() and len(outcome.results[Runs]) == 12
     assert outcome.result.draws.shape[-1] == 4
     page = outcome.report.read_text()
-    assert "True runs" in page and "How they ended" in page
+    assert "Model runs" in page and "How they ended" in page
     with without_pages():
         serial = run_study(folder / "study.toml", folder / "again")
     np.testing.assert_array_equal(serial.result.history, outcome.result.history)

@@ -50,7 +50,7 @@ def test_the_study_runs_with_each_of_them_by_one_word(kind, tmp_path):
     assert 'id="surrogate"' in page and "Validation" in page and "surrogate_velocity" in page
     assert len(outcome.results[Runs]) == 80 and (tmp_path / "out" / "validation.h5").is_file()
     timings = json.loads((tmp_path / "out" / "timings.json").read_text())
-    assert {"true runs", "fitting the surrogate", "sampling"} <= set(timings)
+    assert {"model runs", "fitting the surrogate", "sampling"} <= set(timings)
     # Everything is read back: nothing is fitted or drawn again.
     with without_pages():
         again = run_study(study, tmp_path / "out", resume=True)
@@ -79,7 +79,7 @@ def test_a_surrogate_past_its_limit_is_not_sampled(tmp_path):
 
 @pytest.mark.slow
 def test_a_surrogate_past_its_limit_is_sampled_by_who_trusts_it_or_raises_the_limit(tmp_path):
-    """True runs and fit are kept for them."""
+    """Model runs and fit are kept for them."""
     with pytest.raises(InputError, match="PODPCE in a posterior"):
         run_study(written(tmp_path, words("pod_pce").replace("limit = 0.5", "limit = 1e-9")), tmp_path / "out")
     trusted = written(tmp_path, words("pod_pce", "trust = true").replace("limit = 0.5", "limit = 1e-9"))

@@ -286,7 +286,7 @@ def test_failed_runs_are_left_out_and_counted(name, runs):
 @pytest.mark.parametrize("name", KINDS)
 def test_what_a_fit_refuses(name, runs):
     settings = KINDS[name]
-    with pytest.raises(InputError, match=r"fit\(runs\): an array\. Allowed: a structid\.Runs"):
+    with pytest.raises(InputError, match=r"fit\(runs\): an array\. Expected: a structid\.Runs"):
         settings.fit(runs.values)
     with pytest.raises(InputError, match="5 finished runs and 0 others"):
         settings.fit(runs[:5])

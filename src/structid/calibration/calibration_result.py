@@ -43,12 +43,12 @@ class Round:
     exponent: float
     # Standard deviation of the log density over the surrogate's own error, where the posterior is [nat]
     deviation: float
-    # Standard deviation of the log weights of the fresh draws; infinite where a true run failed, or where there are
+    # Standard deviation of the log weights of the fresh draws; infinite where a model run failed, or where there are
     # none
     spread: float
     failed: int  # number of fresh draws with a failed model run
     certificate: Certificate | None  # the certificate, if the round ended with one
-    # log π_true/π_surrogate of the fresh draws, −∞ where the true run failed
+    # log π_true/π_surrogate of the fresh draws, −∞ where the model run failed
     log_weights: Float[np.ndarray, " draw"] = field(repr=False)
     # What each fresh draw counts in an average over the surrogate's posterior
     shares: Float[np.ndarray, " draw"] = field(repr=False)
@@ -93,7 +93,7 @@ class CalibrationResult(ShownAsText):
     surrogate : Surrogate
         The last one.
     runs : Runs
-        All true runs.
+        All model runs.
     error_model_choice : ErrorModelChoice or None
         Which error model the data chose, where it was left to them.
     representation : Representation or None

@@ -35,7 +35,7 @@ FEWEST_IN_A_BATCH = 4
 @check_arguments
 @dataclass(frozen=True)
 class Plan:
-    """How true runs are spent.
+    """How model runs are spent.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class Plan:
         Returns
         -------
         dict
-            For hashes; a calibration with more true runs continues the same one.
+            For hashes; a calibration with more model runs continues the same one.
         """
         return {
             "start": self.start,

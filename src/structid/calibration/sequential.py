@@ -78,14 +78,14 @@ def calibrate(
     executor: Any = None,
     progress: Tell | None = None,
 ) -> CalibrationResult:
-    """Calibrate a model with a surrogate that is improved where the posterior is, until true runs certify it.
+    """Calibrate a model with a surrogate that is improved where the posterior is, until model runs certify it.
 
     A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempered
     stages. The model is then run at draws of this posterior, at points where the surrogate is least sure, and at tempered draws.
     All these runs train the next surrogate. Beside a NARX, which reproduces none of its runs exactly, a POD-Kriging responds
     to the records of the observations; see `CorrectedNARX`. When the
     importance weights of the plain draws are nearly equal, the surrogate's posterior is sampled until the draws have converged and
-    a second explorer agrees with them. The next round then spends `Plan.certificate` true runs on a `Certificate`: at fresh draws
+    a second explorer agrees with them. The next round then spends `Plan.certificate` model runs on a `Certificate`: at fresh draws
     of these, a third of them tempered. If it fails, they too train the next surrogate, and judge it, each left out in turn.
 
     Parameters
@@ -102,16 +102,16 @@ def calibrate(
         The error model; independent errors when left out. ``"auto"`` lets the data choose
         one by its evidence as soon as the surrogate is good enough near the posterior; see `structid.choose_error_model`.
     true_runs : int
-        Budget of true runs, including those of the certificate. With several records, each point counts once.
+        Budget of model runs, including those of the certificate. With several records, each point counts once.
     plan : Plan, optional
         Everything else about how they are spent. If given, its own budget replaces `true_runs`.
     sampler : Sampler, optional
         Draws from the surrogate's posterior that is certified; `SMC` when left out, with more particles and moves if it has not
-        converged. `DelayedAcceptance` draws from the model's own posterior, at the cost of further true runs.
+        converged. `DelayedAcceptance` draws from the model's own posterior, at the cost of further model runs.
     seed : int
         Seed.
     store : path-like, optional
-        A folder for true runs, rounds and draws. A killed calibration continues from it, and so does one with a larger budget.
+        A folder for model runs, rounds and draws. A killed calibration continues from it, and so does one with a larger budget.
     adopt : bool
         Keep the stored runs of another version of the model, which is an error otherwise: a solver was mended, and its finished
         runs are right. They are the first design; what failed is run again, and rounds and draws are made anew.
@@ -123,7 +123,7 @@ def calibrate(
     Returns
     -------
     CalibrationResult
-        Draws, certificate, rounds, true runs.
+        Draws, certificate, rounds, model runs.
 
     Raises
     ------

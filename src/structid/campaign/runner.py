@@ -51,7 +51,7 @@ class _Ticket:
 
 @check_arguments
 class Campaign:
-    """True runs of a model over a design, on one record or several.
+    """Model runs of a model over a design, on one record or several.
 
     Every finished run is on disk before the next result is awaited. A campaign that was stopped, for whatever reason,
     continues when the same campaign is run again. Points that are appended to the design later are added to the store.

@@ -42,7 +42,7 @@ class Certificate(ShownAsText):
     Parameters
     ----------
     verdict : {"certified", "usable with re-weighting", "not to be trusted"}
-        Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more true runs.
+        Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more model runs.
     reasons : tuple of str
         What fell short, one sentence each.
     doubts : tuple of str
@@ -62,19 +62,19 @@ class Certificate(ShownAsText):
     weights : ndarray, shape (draw,)
         Their weights in averages over the true posterior, which sum to one.
     log_ratios : ndarray, shape (draw,)
-        log π/q of each, up to a constant; −inf where a true run failed.
+        log π/q of each, up to a constant; −inf where a model run failed.
     look : int
         1 for the first certificate that was asked for, 2 for one after a refusal, and so on.
     above : float
-        By how much the best stored true run exceeds the best draw [nat].
+        By how much the best stored model run exceeds the best draw [nat].
     excess : float
-        Largest log π/q, above the median over the draws, of the stored true runs within reach of the best [nat].
+        Largest log π/q, above the median over the draws, of the stored model runs within reach of the best [nat].
     within_reach : int
         Number of those stored runs.
     failed : int
-        Fresh draws whose true run failed.
+        Fresh draws whose model run failed.
     true_runs : int
-        True runs spent in all, including those of the certificate.
+        Model runs spent in all, including those of the certificate.
     limits : Limits
         The limits it had to meet.
     names : tuple of str
@@ -84,7 +84,7 @@ class Certificate(ShownAsText):
     subject : str
         What is certified, where it is not the draws.
     searched, taught : int
-        True runs that searched for modes the draws have missed, and that were made to learn where the draws' density is wrong.
+        Model runs that searched for modes the draws have missed, and that were made to learn where the draws' density is wrong.
     missing : float
         Share of the posterior that may lie where the draws' density is zero; the bounds allow for it.
     monte_carlo : MonteCarloError or None
@@ -214,7 +214,7 @@ class Certificate(ShownAsText):
         """What the certificate cannot exclude, in a sentence."""
         share = f" with less than {100.0 * self.unseen:.0f} % of the probability" if self.unseen < 1.0 else ""
         return (
-            f"a part of the posterior{share}, into which none of the draws fell, and a mode that no true run of any round has "
+            f"a part of the posterior{share}, into which none of the draws fell, and a mode that no model run of any round has "
             f"touched{'; without a density that is a function no second explorer has looked for one' if self.subject else ''}"
         )
 
@@ -239,7 +239,7 @@ class Certificate(ShownAsText):
         others = ((self.searched, "in search of further modes"), (self.taught, "to learn where the draws are wrong"))
         return ", ".join(
             [
-                f"{self.true_runs} true runs",
+                f"{self.true_runs} model runs",
                 f"{len(self.draws)} of them at fresh draws",
                 *(f"{count} {why}" for count, why in others if count),
             ]
@@ -260,7 +260,7 @@ class Certificate(ShownAsText):
     @property
     def _said_of_stored_runs(self) -> str:
         return (
-            f"  {self.within_reach} stored true runs lie within {self.limits.reach:g} nats of the best; what was drawn misses at "
+            f"  {self.within_reach} stored model runs lie within {self.limits.reach:g} nats of the best; what was drawn misses at "
             f"most {max(self.excess, 0.0):.2f} nats there (at most {self.limits.excess:g})"
         )
 
@@ -321,7 +321,7 @@ def issue_certificate(
     failed = fresh.failed
     if failed:
         missing = (
-            f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen",
+            f"{failed} of {len(fresh.theta)} model runs at fresh draws failed, where nothing wrong was foreseen",
             *missing,
         )
     reasons = (*missing, *_what_varies(variation, mean_off, sd_off, correlation_off, names, limits, correction))
@@ -394,7 +394,7 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
     reasons = []
     if above > limits.above:
         reasons.append(
-            f"a stored true run has {above:.1f} nats more density than any draw: the draws have missed where most of it is"
+            f"a stored model run has {above:.1f} nats more density than any draw: the draws have missed where most of it is"
         )
     if excess > limits.excess:
         more = (
@@ -403,11 +403,11 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
             else "lies where there is no density at all in"
         )
         reasons.append(
-            f"a true run within {limits.reach:g} nats of the best {more} the drawn density: it misses a part of the true one"
+            f"a model run within {limits.reach:g} nats of the best {more} the drawn density: it misses a part of the true one"
         )
     if hidden:
         reasons.append(
-            f"{hidden} stored true runs further away have far more density than the drawn density gives them: it may hide a "
+            f"{hidden} stored model runs further away have far more density than the drawn density gives them: it may hide a "
             "mode there"
         )
     return tuple(reasons)

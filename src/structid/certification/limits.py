@@ -24,9 +24,9 @@ class Limits:
     confidence : float
         With which all three hold, over all looks of a calibration together.
     above : float
-        How much more density than every draw a stored true run may have [nat].
+        How much more density than every draw a stored model run may have [nat].
     reach : float
-        Stored true runs whose log density is within this distance of the best one are checked [nat].
+        Stored model runs whose log density is within this distance of the best one are checked [nat].
     excess : float
         Largest log π/q of such a run above the median over the draws [nat].
     understated : float

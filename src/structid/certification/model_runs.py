@@ -86,7 +86,7 @@ class ModelRuns:
 
     def _told(self, ended: int, total: int, _failed: int) -> None:
         if self.tell is not None:
-            self.tell("true runs", ended, total)
+            self.tell("model runs", ended, total)
 
     def refuse_hopeless(self) -> None:
         """Stop if none of the first runs has completed: the others would fail for the same reason."""

@@ -23,7 +23,7 @@ class StructidError(Exception):
 
 
 class InputError(StructidError, ValueError):
-    """Something the caller gave is wrong; the message says what came, what is allowed and what to do.
+    """Something the caller gave is wrong; the message says what is wrong, what was expected, and what to do.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class InputError(StructidError, ValueError):
 
     def __init__(self, where: str, came: str, allowed: str, cure: str = "") -> None:
         self.where, self.came, self.allowed, self.cure = where, came, allowed, cure
-        super().__init__(f"{where}: {came}. Allowed: {allowed}.{' ' + cure if cure else ''}")
+        super().__init__(f"{where}: {came}. Expected: {allowed}.{' ' + cure if cure else ''}")
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
         return (type(self), (self.where, self.came, self.allowed, self.cure))

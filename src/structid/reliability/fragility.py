@@ -52,7 +52,7 @@ class Fragility(ShownAsText):
     passed : ndarray, shape (draw, record, level)
         1 where a draw's response to a record passes or the structure fails, 0 where not, NaN where the run failed otherwise.
     of_each : ndarray, shape (record, level)
-        The probability for each record over the draws, corrected by true runs where a surrogate stood in.
+        The probability for each record over the draws, corrected by model runs where a surrogate stood in.
     error_of_each : ndarray, shape (record, level)
         Its standard error: of the draws, and of the correction.
     true_runs : int
@@ -186,7 +186,7 @@ class Fragility(ShownAsText):
     def __str__(self) -> str:
         lines = [
             f"Fragility: {self.channel} over {self.limit:g}, {len(self.records)} record{'s'[: len(self.records) > 1]}, "
-            f"{self.true_runs} true runs"
+            f"{self.true_runs} model runs"
         ]
         low, high = self.band()
         for each in zip(self.levels, self.probability, self.error, low, high, strict=True):
@@ -238,7 +238,7 @@ def fragility(
     drift : ParameterDrift, optional
         See `predict`.
     surrogate : SurrogateSettings, optional
-        Stands in for the model at most draws, such as ``PODKriging()``; without one every draw is a true run.
+        Stands in for the model at most draws, such as ``PODKriging()``; without one every draw is a model run.
     training, checks : int
         Draws it is fitted to, and draws that correct it.
     seed : int

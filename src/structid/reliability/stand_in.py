@@ -34,5 +34,5 @@ def fitted_stand_in(
         return None
     lenient: Any = replace(settings, outside="allow")  # type: ignore[type-var]
     surrogate: Surrogate = lenient.fit(Runs.from_histories(design, histories, record))
-    surrogate.trust()  # true runs correct it
+    surrogate.trust()  # model runs correct it
     return surrogate

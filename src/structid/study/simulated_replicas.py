@@ -67,7 +67,7 @@ def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: A
     assert study.campaign is not None
     store = None if folder is None else folder / _RUNS
     campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")
-    with stage("true runs") as progress:
+    with stage("model runs") as progress:
         runs = campaign.run(executor, progress=progress)
     with stage("fitting the surrogate") as progress:
         return fitted_surrogate(study.file.surrogate, runs, None, progress)

@@ -46,7 +46,7 @@ def test_draws_alone():
     found = si.certify(posterior(), draws(count=20_000, seed=1), seed=1)
     assert found.certified, str(found)
     assert str(found).startswith(
-        f"CERTIFIED of a density that was fitted to the draws ({61 + found.searched} true runs"
+        f"CERTIFIED of a density that was fitted to the draws ({61 + found.searched} model runs"
     )
 
 
@@ -188,7 +188,7 @@ def test_a_known_point_above_the_draws():
     target = si.LogDensity(two, NAMES, si.ParameterSpace(**{n: si.Uniform(*BOX[n]) for n in NAMES}), BOX)
     there = (TRUTH + 5.0)[None]
     unseen = si.certify(target, draws(), normal())
-    assert unseen.certified and "a mode that no true run of any round has touched" in str(unseen)
+    assert unseen.certified and "a mode that no model run of any round has touched" in str(unseen)
     found = si.certify(target, draws(), normal(), known=(there, two(there)))
     assert found.verdict == "not to be trusted" and "more density than any draw" in str(found)
 

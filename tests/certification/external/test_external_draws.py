@@ -78,10 +78,10 @@ def test_the_unit_of_a_variable_is_used_under_either_name(attribute):
 
 def test_a_unit_that_cannot_be_is_refused():
     with pytest.raises(
-        InputError, match=r"stiffness: the unit 'mm'. Allowed: a unit that measures the same as 'kN/mm'"
+        InputError, match=r"stiffness: the unit 'mm'. Expected: a unit that measures the same as 'kN/mm'"
     ):
         draws_of(dataset(units="mm"), NAMES, UNITS)
-    with pytest.raises(InputError, match=r"unit = 'N/m' and units = 'kN/m'\. Allowed: one unit"):
+    with pytest.raises(InputError, match=r"unit = 'N/m' and units = 'kN/m'\. Expected: one unit"):
         draws_of(dataset(unit="N/m", units="kN/m"), NAMES, UNITS)
 
 
@@ -143,7 +143,7 @@ def test_a_damaged_table_is_refused(text, tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda lines: lines[1:], "numbers in the first line. Allowed: a line of heads: stiffness, beta"),
+        (lambda lines: lines[1:], "numbers in the first line. Expected: a line of heads: stiffness, beta"),
         (lambda lines: [*lines[:51], f"stuck,{lines[51].split(',')[1]}", *lines[52:]], "draw 51: stiffness is 'stuck'"),
     ],
 )

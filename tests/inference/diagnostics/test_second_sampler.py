@@ -58,7 +58,7 @@ def test_modes_of_two_widths(dimension):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_narrow_heavy_mode_at_a_known_point(seed):
-    """Particles from the prior have lost it; a true run lies in it."""
+    """Particles from the prior have lost it; a model run lies in it."""
     drawn = si.sample(two_modes(6), replace(SAMPLER, scouts=0), seed=seed)
     assert drawn.flat[:, 0].max() < 0.0 and drawn.verdict().converged
     found = compared(drawn, np.full((1, 6), 3.05), seed)

@@ -86,7 +86,7 @@ def test_errors_that_are_added_may_have_any_law():
 def test_what_cannot_drift_is_refused():
     with pytest.raises(InputError, match="time between knots"):
         si.Drifting(every=-1.0)
-    with pytest.raises(InputError, match=r"Drifting\(every\): a prior\. Allowed: a number"):
+    with pytest.raises(InputError, match=r"Drifting\(every\): a prior\. Expected: a number"):
         si.Drifting(every=si.Uniform(1.0, 2.0))
     with pytest.raises(InputError, match=r"puts 4000 knots in a record of 4 s.*0.04 s or more"):
         posterior(si.Drifting(every=0.001))

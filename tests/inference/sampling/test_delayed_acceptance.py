@@ -1,4 +1,4 @@
-"""Delayed acceptance: the model's own posterior whatever the surrogate, few true runs, the same after a kill."""
+"""Delayed acceptance: the model's own posterior whatever the surrogate, few model runs, the same after a kill."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_a_perfect_surrogate_makes_every_true_run_a_draw():
     assert result.cost.acceptance == 1.0 and result.cost.sub_steps >= 8
     assert result.cost.speed_up > 5.0
     assert result.summary().columns["ess_bulk"].min() > 0.5 * len(result.flat)
-    assert "moves for each true run" in str(result.cost)
+    assert "moves for each model run" in str(result.cost)
 
 
 def test_a_density_with_other_bounds_proposes_in_the_coordinates_of_the_target():

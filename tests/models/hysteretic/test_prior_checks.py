@@ -120,5 +120,5 @@ def test_an_acceleration_is_that_of_a_sensor():
 
 
 def test_a_share_in_per_cent_is_told():
-    with pytest.raises(InputError, match=r"damping_ratio: 3\. Allowed: 0 to 1\. 3 % is 0\.03"):
+    with pytest.raises(InputError, match=r"damping_ratio: 3\. Expected: 0 to 1\. 3 % is 0\.03"):
         si.BoucWen(**KNOWN | {"damping_ratio": 3.0})

@@ -56,7 +56,7 @@ def certify(
     executor: Any = None,
     progress: Tell | None = None,
 ) -> Certificate:
-    """Certify a posterior that another program drew: by true runs at a few of its draws.
+    """Certify a posterior that another program drew: by model runs at a few of its draws.
 
     The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
     draws of a wider density. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
@@ -77,13 +77,13 @@ def certify(
         ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws a density is fitted, and it is what is
         certified.
     true_runs : int, optional
-        True runs at draws, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
+        Model runs at draws, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
         the tails.
     searches : int, optional
-        Further true runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs` when
-        left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
+        Further model runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs`
+        when left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
     teaching : int, optional
-        Further true runs at most, in rounds of ten, if the draws do not decide: where they show most of the draws' density. Half
+        Further model runs at most, in rounds of ten, if the draws do not decide: where they show most of the draws' density. Half
         of `true_runs` when left out.
     known : tuple of ndarray, optional
         Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it: the model is run once at
@@ -97,7 +97,7 @@ def certify(
     seed : int
         Chooses the draws.
     store : path-like, optional
-        A folder for the true runs; a killed certificate goes on from there.
+        A folder for the model runs; a killed certificate goes on from there.
     executor : optional
         Where an external model's runs are done; see `Campaign.run`.
     progress : callable, optional

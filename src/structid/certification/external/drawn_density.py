@@ -64,7 +64,7 @@ class DrawnDensity(ABC):
     width = 1.0
     """Times as wide as the draws is the density that such points come from."""
     enough = 30
-    """True runs that mostly decide."""
+    """Model runs that mostly decide."""
 
     def __init__(self, posterior: Target, draws: Float[np.ndarray, "chain draw parameter"]) -> None:
         self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws

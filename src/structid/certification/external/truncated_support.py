@@ -54,14 +54,14 @@ def _valleys(drawn: DrawnDensity, beyond: Points, run: Callable[[np.ndarray], np
     """Search for valleys on the paths from excluded points to the draws."""
     theta, log_true = beyond
     if len(theta) > FOLLOWED:
-        return (f"the given density excludes {len(theta)} true runs that matter, and {FOLLOWED} at most are followed",)
+        return (f"the given density excludes {len(theta)} model runs that matter, and {FOLLOWED} at most are followed",)
     ways = _ways(drawn, theta)
     result = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
     divided = int((result.min(axis=0) < log_true - VALLEY).sum())
     if not divided:
         return ()
     return (
-        f"a valley of the posterior divides the draws from {divided} of {len(theta)} true runs that the given density excludes: "
+        f"a valley of the posterior divides the draws from {divided} of {len(theta)} model runs that the given density excludes: "
         "there may be a mode which it does not have",
     )
 

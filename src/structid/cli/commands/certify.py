@@ -15,10 +15,10 @@ def certify(
     draws: Annotated[
         Path, typer.Argument(help="Draws: a netCDF file of the ArviZ schema, or a CSV with heads. In SI.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the true runs, the certificate and its page.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder for the model runs, the certificate and its page.")] = Path(
         "certificate"
     ),
-    runs: Annotated[int | None, typer.Option(help="True runs; 30, or 60 for draws without their density.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Model runs; 30, or 60 for draws without their density.")] = None,
     look: Annotated[int, typer.Option(help="2 for a second certificate of the same draws, and so on.")] = 1,
     executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
 ) -> None:

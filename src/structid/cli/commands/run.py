@@ -33,7 +33,7 @@ def run(
     ] = False,
     adopt: Annotated[
         bool,
-        typer.Option("--adopt", help="Keep the true runs although the solver has changed; implies --resume."),
+        typer.Option("--adopt", help="Keep the model runs although the solver has changed; implies --resume."),
     ] = False,
 ) -> None:
     """Run a study: model runs, deterministic calibration, sampling, prediction, report."""

@@ -41,12 +41,12 @@ def surrogate_warnings(
     if certified is None and _matters(posterior, stand_in, unexplained):
         warnings.append(
             f"the surrogate's own error ({stand_in.relative_error:.1g} of the response's variance) is not small beside what the "
-            f"measurement leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
+            f"measurement leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more model runs, or let "
             "structid.calibrate certify it"
         )
     outside = float(stand_in.outside(np.asarray(posterior.model_parameters(draws))).mean())
     if outside > 0.0:
-        cure = "widen its design, or do more true runs there" if certified is None else "more true runs go there"
+        cure = "widen its design, or do more model runs there" if certified is None else "more model runs go there"
         warnings.append(
             f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where little is known of the model: "
             + cure

@@ -95,8 +95,8 @@ class Cost:
 
     def __str__(self) -> str:
         return (
-            f"{self.true_runs} true runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
-            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each true run"
+            f"{self.true_runs} model runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
+            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each model run"
         )
 
 

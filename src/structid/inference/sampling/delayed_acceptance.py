@@ -254,7 +254,7 @@ class DelayedAcceptance(Sampler):
         else:
             raise ConvergenceError(
                 f"Only {len(phi)} of {runs} points of the surrogate's posterior have a density under the model itself "
-                f"({failed_runs} simulations failed). Do more true runs there: structid.calibrate does."
+                f"({failed_runs} simulations failed). Do more model runs there: structid.calibrate does."
             )
         phi, log_density = phi[:required], log_density[:required]
         shape = (self.ensembles, self.walkers)

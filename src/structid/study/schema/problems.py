@@ -40,7 +40,7 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         what = f"{cause.where}: " if cause.where.startswith("unit ") else ""
-        return f"key '{key}': {what}{cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
+        return f"key '{key}': {what}{cause.came}. Expected: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
     match error["type"]:
         case "extra_forbidden":
             known_keys = _known_keys(steps[:-1], content, schema)
@@ -50,17 +50,17 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
         case "missing":
             return f"key '{key}': it is missing. Add it."
         case "literal_error":
-            return f"key '{key}': {error['input']!r}. Allowed: {error['ctx']['expected']}."
+            return f"key '{key}': {error['input']!r}. Expected: {error['ctx']['expected']}."
         case "union_tag_invalid":
             tag, expected = error["ctx"]["tag"], error["ctx"]["expected_tags"]
             cure = suggestion(tag, re.findall(r"'(\w+)'", expected))
-            return f"key '{key}.type': '{tag}'. Allowed: {expected}. {cure}".rstrip()
+            return f"key '{key}.type': '{tag}'. Expected: {expected}. {cure}".rstrip()
         case "union_tag_not_found":
             *most, last = (f"'{word}'" for word in words)
-            return f"key '{key}.type': it is missing. Allowed: {', '.join(most)} or {last}."
+            return f"key '{key}.type': it is missing. Expected: {', '.join(most)} or {last}."
         case _:
             allowed = _allowed(error)
-            return f"key '{key}': {error['input']!r}. {f'Allowed: {allowed}' if allowed else error['msg']}."
+            return f"key '{key}': {error['input']!r}. {f'Expected: {allowed}' if allowed else error['msg']}."
 
 
 def _counted_from_one(steps: list[Any]) -> str:

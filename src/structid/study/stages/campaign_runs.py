@@ -15,7 +15,7 @@ def _run(state: StudyState, workplace: Workplace) -> StudyState:
         study.model, study.campaign_records, study.campaign, workplace.folder / CAMPAIGN_RUNS, assignment="cycle"
     )
     attempts = 1 if study.file.campaign is None else study.file.campaign.attempts
-    with workplace.stage("true runs") as progress, workplace.timings.measured("true runs", goes_on=True):
+    with workplace.stage("model runs") as progress, workplace.timings.measured("model runs", goes_on=True):
         runs = campaign.run(
             workplace.executor, retry=workplace.retry, attempts=attempts, adopt=workplace.adopt, progress=progress
         )

@@ -38,7 +38,7 @@ def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> 
     seed = derived_seed(study.file.seed, Purpose.VALIDATION_DESIGN)
     design = study.space.sample(study.validation_runs, seed, "random")
     campaign = Campaign(study.model, study.campaign_records, design, workplace.folder / VALIDATION, assignment="cycle")
-    what = "true runs to validate it"
+    what = "model runs to validate it"
     with workplace.stage(what) as progress, workplace.timings.measured(what, goes_on=True):
         unseen = campaign.run(workplace.executor, progress=progress)
     what = "validating the surrogate"

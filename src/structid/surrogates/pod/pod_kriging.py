@@ -47,7 +47,7 @@ class PODKriging:
         what they leave out would scatter the log density of precise measurements.
     reach : float, optional
         How far beyond the range of the runs it extrapolates, as a share of the range's width; further out it responds as there. 0
-        when left out, and 0.5 in a calibration, where its own variance is asked and true runs follow.
+        when left out, and 0.5 in a calibration, where its own variance is asked and model runs follow.
     limit : float
         Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}

@@ -95,12 +95,12 @@ def _asked(certificate: Certificate) -> list[list[str]]:
     return [
         *rows,
         [
-            f"density missed at {certificate.within_reach} true runs within {limits.reach:g} nats of the best",
+            f"density missed at {certificate.within_reach} model runs within {limits.reach:g} nats of the best",
             f"{max(certificate.excess, 0.0):.2f} nats",
             f"{limits.excess:g} nats or less",
         ],
         [
-            "density of the best true run above every draw",
+            "density of the best model run above every draw",
             f"{max(certificate.above, 0.0):.2f} nats",
             f"{limits.above:g} nats or less",
         ],

@@ -40,4 +40,4 @@ def _overview(runs: Runs) -> Picture:
     )
 
 
-SECTION = Section("true-runs", "True runs", _drawings, _tables)
+SECTION = Section("model-runs", "Model runs", _drawings, _tables)
