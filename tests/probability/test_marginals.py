@@ -102,7 +102,7 @@ def test_units_become_si_at_the_border():
     ],
 )
 def test_bad_marginals_are_refused(make):
-    with pytest.raises(InputError, match="Allowed"):
+    with pytest.raises(InputError, match="Expected"):
         make()
 
 
