@@ -1,4 +1,4 @@
-"""The question: does the certificate hold where somebody tries to get a wrong one, and does it come where it should.
+"""Attempts to provoke a wrong certificate, and difficult cases in which a certificate must be issued.
 
 Run with ``python benchmarks/attacks.py [--quick]``.
 """
@@ -22,8 +22,8 @@ SEEDS = (1, 2, 3)
 REFERENCE = si.SMC(particles=1000, steps=100, effective_share=0.5, correlation=0.2)
 REPLICATIONS = 200
 MISSED = ((6, 10.0, True), (6, 10.0, False), (10, 10.0, True), (10, 10.0, False), (10, 5.0, False))
-"""Parameters, half the width of the box, and whether a model run lies in the mode."""
-HEADS = ["attack", "right is", "verdict", "model runs", "largest error of a mean [sd]", "of an sd"]
+"""Number of parameters, half the width of the prior range, and whether a known model run lies in the mode."""
+HEADS = ["attack", "correct outcome", "verdict", "model runs", "largest error of a mean [sd]", "largest error of an sd"]
 normal = scipy.stats.norm.logpdf
 
 
@@ -32,16 +32,16 @@ normal = scipy.stats.norm.logpdf
 
 @dataclass(frozen=True, eq=False)
 class Attack:
-    """A model that makes a calibration hard.
+    """A model that is hard to calibrate.
 
     Parameters
     ----------
     case : Case
-        Model, priors, measurement.
+        Model, priors and measurement.
     right : str
-        What should be said.
+        Correct outcome.
     model : Model or None
-        In place of the case's, where it does not only answer.
+        Replaces the case's model if some of its runs fail.
     """
 
     case: Case
@@ -50,7 +50,7 @@ class Attack:
 
 
 def jumps() -> Attack:
-    """The response jumps by two sds of the errors at a = 0.5, in the middle of the posterior."""
+    """Response that jumps by two standard deviations of the errors at a = 0.5, in the middle of the posterior."""
     first, second = directions(2)
     space = si.ParameterSpace(a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
 
@@ -60,12 +60,12 @@ def jumps() -> Attack:
 
     return Attack(
         of_a_formula("response that jumps inside the posterior", space, respond, 0.6 * first, 0.1**2),
-        "not certified, or right",
+        "not certified, or correct",
     )
 
 
 def resonance() -> Attack:
-    """A lightly damped oscillator's harmonic response: amplitude and phase turn over within a hundredth of the prior."""
+    """Harmonic response of a lightly damped oscillator; amplitude and phase change within a hundredth of the prior range."""
     time = np.arange(200) * 0.05
     space = si.ParameterSpace(frequency=si.Uniform(0.5, 2.0), damping=si.LogNormal(mean=0.02, sd=0.01, high=0.2))
 
@@ -75,11 +75,11 @@ def resonance() -> Attack:
         return np.asarray((response * np.exp(2.0j * np.pi * time)).real)
 
     y = respond(np.array([[1.01, 0.02]]))[0] + 0.5 * np.random.default_rng(5).standard_normal(len(time))
-    return Attack(of_a_formula("resonance", space, respond, y, 0.5**2), "certified and right")
+    return Attack(of_a_formula("resonance", space, respond, y, 0.5**2), "certified and correct")
 
 
 def seam() -> Attack:
-    """A phase whose posterior lies across the seam between 2π and 0: two modes at the two ends of the prior."""
+    """Phase whose posterior spans the jump from 2π to 0, which gives a mode at each end of the prior range."""
     time = np.arange(100) * 0.1
     space = si.ParameterSpace(phase=si.Uniform(0.0, 2.0 * np.pi), amplitude=si.Normal(1.0, 0.3))
 
@@ -87,11 +87,11 @@ def seam() -> Attack:
         return np.asarray(theta[:, 1:] * np.sin(3.0 * time + theta[:, :1]))
 
     y = np.sin(3.0 * time) + 0.5 * np.random.default_rng(6).standard_normal(len(time))
-    return Attack(of_a_formula("periodic seam", space, respond, y, 0.5**2), "certified and right")
+    return Attack(of_a_formula("posterior across a phase jump", space, respond, y, 0.5**2), "certified and correct")
 
 
 def failing(where: Callable[[dict[str, float]], bool], name: str, right: str) -> Attack:
-    """A solver that stops with an error in a fifth of the prior."""
+    """Solver that stops with an error in a fifth of the prior range."""
     first, second = directions(2)
     space = si.ParameterSpace(a=si.Uniform(-1.0, 1.0), b=si.Normal(0.0, 1.0))
 
@@ -113,13 +113,13 @@ def attacks() -> list[Attack]:
         jumps(),
         resonance(),
         seam(),
-        failing(lambda p: p["a"] < -0.6, "20 % of the runs fail, away from the posterior", "certified and right"),
-        failing(lambda p: int(1e6 * abs(p["b"])) % 5 == 0, "20 % of the runs fail, anywhere", "not certified"),
+        failing(lambda p: p["a"] < -0.6, "20 % of the runs fail, away from the posterior", "certified and correct"),
+        failing(lambda p: int(1e6 * abs(p["b"])) % 5 == 0, "20 % of the runs fail, at random points", "not certified"),
     ]
 
 
 def calibrated(attack: Attack, quick: bool) -> list[str]:
-    """Three calibrations beside the model itself."""
+    """Return the row of three calibrations, compared with sampling the model itself."""
     case = attack.case
     reference = si.sample(case.target, si.SMC(particles=200, steps=20) if quick else REFERENCE, seed=99)
     said, spent, means, sds = [], [], [0.0], [0.0]
@@ -141,14 +141,14 @@ def calibrated(attack: Attack, quick: bool) -> list[str]:
 
 
 def boxed(density: Callable[[np.ndarray], np.ndarray], dimension: int, edge: float = 10.0) -> si.LogDensity:
-    """A density in a box."""
+    """Density whose priors are uniform between −edge and edge."""
     names = tuple(f"x{i}" for i in range(dimension))
     space = si.ParameterSpace(**{n: si.Uniform(-edge, edge) for n in names})
     return si.LogDensity(density, names, space, dict.fromkeys(names, (-edge, edge)))
 
 
 def missed_mode(dimension: int, edge: float, known: bool, quick: bool) -> list[str]:
-    """Draws of the wide mode alone; the surrogate, and so q, has both, and one of the model runs may lie in the narrow one."""
+    """Draws from the wide mode only, while q has both modes; a known model run may lie in the narrow mode."""
     widths, middle = (0.1, 0.3), 0.3 * edge
 
     def density(x: np.ndarray) -> np.ndarray:
@@ -161,27 +161,27 @@ def missed_mode(dimension: int, edge: float, known: bool, quick: bool) -> list[s
         there = np.full((1, dimension), middle + 0.5 * widths[0])
         found = si.certify(target, draws, density, known=(there, density(there)) if known else None, seed=seed)
         said.append(found.certified)
-    at = "a model run lies in it" if known else "found from the prior, or not"
-    label = f"draws miss a mode of q, d = {dimension}, widths 0.1 and 0.3; box of ±{edge:g}; {at}"
+    at = "a known model run in the mode" if known else "no known model run in the mode"
+    label = f"draws lack a mode of q, d = {dimension}, widths 0.1 and 0.3, prior range ±{edge:g}, {at}"
     return [label, "not certified", f"certified {sum(said)} of {len(said)}", "31", "", ""]
 
 
 def slope(factor: float, quick: bool) -> list[str]:
-    """One of six slopes of the surrogate is wrong: its posterior has 1/factor of the standard deviation there."""
+    """Surrogate with one wrong derivative out of six, which divides that posterior standard deviation by `factor`."""
     sd = np.array([1.0 / factor, *np.ones(5)])
     target, said = boxed(lambda x: normal(x).sum(axis=1), 6), []
     for seed in range(2 if quick else REPLICATIONS):
         draws = np.random.default_rng(seed).normal(0.0, sd, (1000, 6))
         found = si.certify(target, draws, normal(draws, 0.0, sd).sum(axis=1), seed=seed)
         said.append(found.certified)
-    label = f"slope of the surrogate × {factor:g} in one of six parameters"
+    label = f"derivative of the surrogate × {factor:g} in one of six parameters"
     return [label, "not certified", f"certified {sum(said)} of {len(said)}", "31", "", ""]
 
 
 def rows(quick: bool) -> list[list[str]]:
     found = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what lies outside a surrogate's range is in the certificate
+        warnings.simplefilter("ignore")  # the certificate reports points outside the surrogate's range
         for attack in attacks()[: 1 if quick else None]:
             found.append(calibrated(attack, quick))
             print(" | ".join(found[-1]), flush=True)
@@ -201,9 +201,9 @@ def main() -> None:
 
 `benchmarks/attacks.py`. {common.machine()}.
 
-Models and draws that are made to get a wrong certificate, or none where one is due. Errors are those of certified calibrations,
-beside tempered SMC on the model itself. A mode that q has and no model run has touched is found if a draw of the prior lies in its
-basin.
+These models and draws are designed to provoke a wrong certificate, or to prevent a correct one. Errors are given for certified
+calibrations, relative to tempered SMC on the model itself. A mode of q that no model run has visited is found if a prior draw lies
+in its basin of attraction.
 
 {common.markdown_table(HEADS, found)}
 """

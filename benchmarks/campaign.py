@@ -1,7 +1,7 @@
-"""The question: what does a campaign cost beside the solver, and does that grow with the number of runs.
+"""Cost of a campaign in addition to the solver, and its growth with the number of runs.
 
-Run with ``python benchmarks/campaign.py [--quick]``. Peers that are not installed are left out; UQpy, which pins an old NumPy, may
-have a Python of its own: ``UQPY_PYTHON=/path/to/python``.
+Run with ``python benchmarks/campaign.py [--quick]``. Programs that are not installed are omitted. UQpy needs an old
+NumPy and may have a separate Python: ``UQPY_PYTHON=/path/to/python``.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ NAME = "campaign"
 SAMPLES, RUNS, MANY_RUNS = 4000, 500, 2500
 STORED = (2500, 5000, 10_000)
 LIMITS = {"processes": 2.0, "dask": 10.0}
-"""Overhead of a run [ms]."""
+"""Largest overhead of a run [ms]."""
 RATE_LIMIT, OPEN_LIMIT = 200.0, 1.0
-"""Stored runs per second; seconds to open a store of 10 000."""
+"""Smallest rate of stored runs [1/s], and longest time to open a store of 10 000 runs [s]."""
 
 SPACE = si.ParameterSpace(a=si.Uniform(0.5, 1.5), b=si.Uniform(1.0, 9.0))
 RECORD = si.GroundMotion(np.zeros(SAMPLES), 0.01, "none")
 
 
 def instant(parameters: dict[str, float], record: Any) -> np.ndarray:
-    """A solver that costs next to nothing: what is timed is the campaign."""
+    """Solver of negligible cost, so that only the campaign is timed."""
     return parameters["a"] * np.sin(parameters["b"] * record.time)
 
 
@@ -43,7 +43,7 @@ def instant(parameters: dict[str, float], record: Any) -> np.ndarray:
 
 
 def campaign(executor: Any, runs: int) -> float:
-    """Seconds of a stored campaign, from the first line to the finished file."""
+    """Time of a stored campaign, from its creation to the finished file [s]."""
     model = si.CallableModel(instant, SPACE.names, ("velocity",))
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
@@ -55,7 +55,7 @@ def campaign(executor: Any, runs: int) -> float:
 
 @contextmanager
 def dask_client() -> Iterator[Any]:
-    """Two workers of one thread each, as processes, over loopback TCP."""
+    """Dask client with two worker processes of one thread each, over loopback TCP."""
     from distributed import Client, LocalCluster
 
     settings = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
@@ -67,7 +67,7 @@ def with_joblib(runs: int) -> float:
     from joblib import Parallel, delayed
     from joblib.externals.loky import get_reusable_executor
 
-    get_reusable_executor().shutdown()  # so that its start counts, like everybody's
+    get_reusable_executor().shutdown()  # its start counts, as for the other programs
     points = [dict(zip(SPACE.names, row, strict=True)) for row in SPACE.sample(runs, seed=1).values]
     began = time.perf_counter()
     Parallel(n_jobs=2)(delayed(instant)(point, RECORD) for point in points)
@@ -103,7 +103,7 @@ def instant(sample):
 
 
 def with_uqpy(runs: int) -> float | None:
-    """UQpy's RunModel, serial and in its own process: its parallel workflow needs mpirun."""
+    """Time UQpy's RunModel in a separate serial process, since its parallel workflow needs mpirun."""
     python = os.environ.get("UQPY_PYTHON", sys.executable)
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "uqpy_model.py").write_text(UQPY_MODEL)
@@ -120,7 +120,7 @@ def with_uqpy(runs: int) -> float | None:
 
 
 def time_overhead(quick: bool) -> dict[str, list[float]]:
-    """Milliseconds a run of 500, and from the difference of two sizes without the start, by who does them."""
+    """Milliseconds per run for every program: with the start, and without it from the difference of two campaign sizes."""
     repeats, few, many = (1, 100, 300) if quick else (3, RUNS, MANY_RUNS)
     found: dict[str, list[tuple[float, ...]]] = {}
 
@@ -130,7 +130,7 @@ def time_overhead(quick: bool) -> dict[str, list[float]]:
             found.setdefault(name, []).append(seconds)  # type: ignore[arg-type]
 
     with dask_client() as client:
-        campaign(client, 20)  # the workers import what they need; a cluster is there before a campaign begins
+        campaign(client, 20)  # workers import their modules; a cluster exists before a campaign begins
         for _ in range(repeats):
             measure("serial", lambda n: campaign("serial", n))
             measure("processes", lambda n: campaign("processes", n))
@@ -153,7 +153,7 @@ sys.path.insert(0, {here!r})
 import campaign as c
 import structid as si
 from pathlib import Path
-def peak():  # of this process alone: ru_maxrss remembers its parent
+def peak():  # of this process only; ru_maxrss includes its parent's peak
     return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text()).group(1)) / 1024
 runs, path = int(sys.argv[1]), sys.argv[2]
 model = si.CallableModel(c.instant, c.SPACE.names, ("velocity",), isolated=False)
@@ -167,7 +167,7 @@ print(runs / (time.perf_counter() - began), base, peak())
 
 
 def time_store(sizes: tuple[int, ...]) -> list[dict[str, float]]:
-    """Rate, memory and size of stores, each written by a process of its own; the last one is opened."""
+    """Rate, memory, size and opening time of stores, each written by a separate process."""
     rows = []
     for size in sizes:
         with tempfile.TemporaryDirectory() as folder:
@@ -185,7 +185,7 @@ def time_store(sizes: tuple[int, ...]) -> list[dict[str, float]]:
 
 
 def time_opening(path: Path) -> tuple[float, float]:
-    """Seconds to open a store as Runs and as an xarray Dataset, and then to read one history of each."""
+    """Seconds to open a store as `Runs` and as an xarray Dataset, and then to read one history from each."""
     si.open_runs(path).to_xarray().close()  # imports xarray
     began = time.perf_counter()
     runs = si.open_runs(path)
@@ -214,18 +214,19 @@ def section(overhead: dict[str, list[float]], store: list[dict[str, float]]) -> 
         "one": ".4f",
     }
     written = [[format(row[key], form) for key, form in formats.items()] for row in store]
-    heads = ["runs", "runs/s", "peak memory after 50 [MB]", "after all [MB]", "file [MB]", "open [s]", "read one [s]"]
+    peaks = ("peak memory after 50 runs [MB]", "peak memory after all runs [MB]")
+    heads = ["runs", "runs/s", *peaks, "file [MB]", "open [s]", "read one run [s]"]
     return f"""# Campaigns
 
 `benchmarks/campaign.py`. {common.machine("distributed", "joblib", "h5py")}.
 
-An instant solver that returns {SAMPLES} samples: what is left is the campaign's own cost. Ours run guarded (a solver may hang or
-crash) and stored (fsync before the next result is awaited, then one compressed file); the peers do neither.
+The solver returns {SAMPLES} samples in negligible time, so that the table gives the cost of the campaign. structid guards against
+solvers that hang or crash. It writes every result to disk (fsync) before it waits for the next, and at the end all results to one
+compressed file. The other programs do neither.
 
-{common.markdown_table(["who", f"ms a run, {RUNS} runs with the start", "ms a further run", "limit"], told)}
+{common.markdown_table(["program", f"ms per run, {RUNS} runs with the start", "ms per further run", "limit"], told)}
 
-Stores of histories of {SAMPLES} samples, written by a process of its own in the calling thread; limits {RATE_LIMIT:.0f} runs/s and
-{OPEN_LIMIT:g} s to open:
+Histories of {SAMPLES} samples, stored serially by a separate process; limits: {RATE_LIMIT:.0f} runs/s, {OPEN_LIMIT:g} s to open:
 
 {common.markdown_table(heads, written)}
 """

@@ -1,4 +1,4 @@
-"""What the benchmarks share: interleaved timing, the machine, results on disk, the study they all use."""
+"""Shared code of the benchmarks: interleaved timing, the machine, stored results, and the common study."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-# One thread for every peer: structid alone spreads a batch over the cores, and says so in the tables.
+# One thread for every other program. Only structid distributes a batch over the cores, as the tables state.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
@@ -28,29 +28,29 @@ from structid.models.hysteretic.hysteretic_parameters import parameter_unit  # n
 
 ROOT = Path(__file__).resolve().parent.parent
 EL_CENTRO = ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
-"""The record of the published studies that is beside the checkout."""
+"""El Centro record of the published studies, stored next to the checkout."""
 RESULTS = ROOT / "benchmarks" / "results"
 QUICK = ROOT / "build" / "benchmarks"
-"""Where a quick run writes: its numbers must not stand among the published ones."""
+"""Output folder of quick runs, which keeps their figures apart from the published ones."""
 
 
-# --- command line and places ------------------------------------------------------------------------------------
+# --- command line and folders -----------------------------------------------------------------------------------
 
 
 def is_quick(description: str) -> bool:
     """Read the command line: `--quick` is the only option."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--quick", action="store_true", help="few repeats; leaves docs/ alone")
+    parser.add_argument("--quick", action="store_true", help="few repeats; does not write to docs/")
     return bool(parser.parse_args().quick)
 
 
 def shorter_if_quick(record: si.GroundMotion, seconds: float) -> si.GroundMotion:
-    """Return the record; in a quick run, which only shows that all of it works, its first seconds."""
+    """Return the record, shortened to its first seconds in a quick run, which only checks that the script works."""
     return record.trim(0.0, seconds) if "--quick" in sys.argv else record
 
 
 def documents(quick: bool) -> Path:
-    """Return where tables and figures go: docs/, or beside the other results of a quick run."""
+    """Return the output folder of tables and figures: docs/, or the output folder of quick runs."""
     folder = QUICK if quick else ROOT / "docs"
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     return folder
@@ -61,9 +61,9 @@ def documents(quick: bool) -> Path:
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall-clock and processor seconds of every repeat of one callable.
+    """Elapsed time and CPU time of every repeat of one callable, in seconds.
 
-    The processor's seconds, of all threads together, tell a slow callable from a busy machine.
+    The CPU time of all threads together distinguishes a slow callable from a busy machine.
     """
 
     seconds: tuple[float, ...]
@@ -71,24 +71,24 @@ class Timing:
 
     @property
     def median(self) -> float:
-        """Median of the repeats [s]."""
+        """Median elapsed time of the repeats [s]."""
         return statistics.median(self.seconds)
 
     @property
     def cpu_median(self) -> float:
-        """Median of the processor's time [s]."""
+        """Median CPU time of the repeats [s]."""
         return statistics.median(self.cpu_seconds)
 
     @property
     def spread(self) -> float:
-        """Largest minus smallest repeat, over the median."""
+        """Difference between the longest and the shortest repeat, divided by the median."""
         return (max(self.seconds) - min(self.seconds)) / self.median
 
 
 def interleaved(callables: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, Timing]:
-    """Time several callables in turns, so that a disturbance of the machine meets all of them alike.
+    """Time several callables in turn, so that a disturbance of the machine affects all of them equally.
 
-    Every other round runs backwards, so that nobody always follows the same neighbour. Nothing is warmed up here.
+    Every second round runs in reverse order, so that the same callable is not always first. There is no warm-up call.
     """
     clocks = (time.perf_counter, time.process_time)
     seconds: dict[str, list[tuple[float, ...]]] = {name: [] for name in callables}
@@ -103,7 +103,7 @@ def interleaved(callables: Mapping[str, Callable[[], Any]], repeats: int) -> dic
 
 
 def growth_exponent(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
-    """Least-squares slope of log time over log size, and the slope of the last interval alone."""
+    """Return the least-squares slope of log time against log size, and the slope of the last interval."""
     x, y = np.log(np.asarray(sizes, dtype=float)), np.log(np.asarray(seconds, dtype=float))
     return float(np.polyfit(x, y, 1)[0]), float((y[-1] - y[-2]) / (x[-1] - x[-2]))
 
@@ -112,7 +112,7 @@ def growth_exponent(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[f
 
 
 def machine(*packages: str) -> str:
-    """One line: processor, cores, load, versions."""
+    """Return one line with the processor, the number of cores, the load and the versions."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "?"
     names = ("structid", "jax", "numpy", "scipy", *packages)
@@ -152,14 +152,14 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_page(quick: bool, name: str, text: str) -> None:
-    """Write the page of a benchmark's tables, ``benchmarks/tables/<name>.md`` of the documents; `text` begins with its heading."""
+    """Write a benchmark's page, ``benchmarks/tables/<name>.md`` in the output folder; `text` begins with the heading."""
     page = documents(quick) / "benchmarks" / "tables" / f"{name}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(text.strip() + "\n", encoding="utf-8")
 
 
 def write_section(page: Path, name: str, text: str) -> None:
-    """Replace what stands between `<!-- name:start -->` and `<!-- name:end -->` of a page that is written by hand."""
+    """Replace the text between `<!-- name:start -->` and `<!-- name:end -->` in a page that is written by hand."""
     start, end = f"<!-- {name}:start -->", f"<!-- {name}:end -->"
     written = page.read_text(encoding="utf-8") if page.exists() else f"{start}\n{end}\n"
     before, rest = written.split(start, 1)
@@ -173,16 +173,16 @@ MASS, STIFFNESS, DAMPING_RATIO, ALPHA, BETA, GAMMA = 12_000.0, 7.6e6, 0.03, 0.05
 DELTA_NU, DELTA_ETA = 2.43, 6.5
 STUDY_PGA = 1.8
 NOISE = 0.02
-"""White noise of the measurement over the RMS of the response."""
+"""Standard deviation of the white measurement noise, divided by the RMS of the response."""
 
 
 def study_record(duration: float, pga: float) -> si.GroundMotion:
-    """Return the synthetic record of the benchmarks, low-passed at 20 Hz and scaled."""
+    """Return the synthetic record of the benchmarks, filtered with a 20 Hz low-pass and scaled."""
     return shorter_if_quick(si.GroundMotion.synthetic(seed=7, duration=duration).lowpass(20.0).scale_to_pga(pga), 8.0)
 
 
 def degrading_oscillator(**settings: Any) -> si.BoucWen:
-    """Return the oscillator that makes the data: exponent 1, degrading, not pinching."""
+    """Return the oscillator that generates the data: exponent 1, with degradation, without pinching."""
     values = {
         "mass": MASS,
         "stiffness": STIFFNESS,
@@ -197,7 +197,7 @@ def degrading_oscillator(**settings: Any) -> si.BoucWen:
 
 
 def study_space(exponent: float = 1.0) -> si.ParameterSpace:
-    """Return the priors of the study; moments are those before truncation, β in m⁻ⁿ."""
+    """Return the priors of the study, with their moments before truncation and with β in m⁻ⁿ."""
     return si.ParameterSpace(
         stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
         beta=si.Uniform(55.0, 65.0, unit=parameter_unit("beta", {"exponent": exponent}, ()) or ""),
@@ -207,7 +207,7 @@ def study_space(exponent: float = 1.0) -> si.ParameterSpace:
 
 
 def study_posterior(record: si.GroundMotion, substeps: int) -> si.Posterior:
-    """Return the posterior of the oscillator without degradation, given the noisy velocity of the degrading one."""
+    """Return the posterior of an oscillator without degradation, given the noisy velocity of a degrading oscillator."""
     velocity = degrading_oscillator(substeps=4).simulate(np.zeros((1, 0)), record).channel("velocity")[0]
     noise = np.random.default_rng(11).standard_normal(velocity.size)
     measured = velocity + NOISE * np.sqrt(np.mean(velocity**2)) * noise

@@ -1,4 +1,4 @@
-"""The question: are draws whose density is known at them alone told from those of another density, and good ones let pass.
+"""Detection of draws from another density when the log density is available only at the draws.
 
 Run with ``python benchmarks/draws_by_values.py [--quick]``.
 """
@@ -22,16 +22,16 @@ NAME = "draws_by_values"
 SEEDS = 12
 DRAWS = 8000
 WIDE = 1e3
-"""Bounds of the priors, in standard deviations, of densities that fall to zero before."""
+"""Bound of the priors in standard deviations, for densities that fall to zero well inside it."""
 HEADS = [
     "draws",
-    "right is",
-    "let pass",
-    "refused: not these values",
-    "refused: another density's",
-    "refused: too few",
-    "not told",
-    "s",
+    "correct outcome",
+    "accepted",
+    "refused: wrong values",
+    "refused: another density",
+    "refused: too few draws",
+    "undecided",
+    "seconds",
 ]
 REFUSALS = (
     "a log density that is not that of the draws",
@@ -39,14 +39,14 @@ REFUSALS = (
     "there are too few draws",
     "cannot be told",
 )
-"""By a density that is fitted to them, by Stein's identity, by their Monte Carlo error, and where the identity's own errors are too
-large. The first that is found counts."""
+"""Parts of the messages about a contradicting fitted density, Stein's identity, the Monte Carlo error, and large errors of the
+identity. The first match counts."""
 TAU = 50
-"""Autocorrelation time of some chains, in steps."""
+"""Autocorrelation time of the autoregressive chains, in steps."""
 LogDensity = Callable[[np.ndarray], np.ndarray]
-"""Of points, shape (point, parameter)."""
+"""Function of points, shape (point, parameter)."""
 Sampler = Callable[[np.random.Generator], np.ndarray]
-"""Draws, shape (draw, parameter) or (chain, draw, parameter)."""
+"""Function that returns draws, shape (draw, parameter) or (chain, draw, parameter)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +56,22 @@ class Drawn:
     Parameters
     ----------
     log_density : callable
-        Known at the draws alone.
+        Log density, used only at the draws.
     sampler : callable
-        Makes the draws.
+        Function that generates the draws.
     dimension : int
-        Parameters.
+        Number of parameters.
     bound : float
         The priors are uniform between −bound and bound.
     right : str
-        What should be done with them.
+        Correct outcome.
     """
 
     log_density: LogDensity
     sampler: Sampler
     dimension: int
     bound: float = WIDE
-    right: str = "let pass"
+    right: str = "accepted"
 
 
 # --- densities and draws --------------------------------------------------------------------------------------------
@@ -86,12 +86,12 @@ def student(theta: np.ndarray) -> np.ndarray:
 
 
 def exponential(theta: np.ndarray) -> np.ndarray:
-    """Falls from its largest value, which is at a bound of the prior."""
+    """Log density that decreases from its largest value, which is at a bound of the prior."""
     return np.asarray(-2.0 * (theta + 1.0).sum(axis=-1))
 
 
 def ridge(theta: np.ndarray) -> np.ndarray:
-    """Rosenbrock's density: narrow and bent."""
+    """Rosenbrock's log density, which is narrow and curved."""
     return np.asarray(-((1.0 - theta[..., 0]) ** 2) - 100.0 * (theta[..., 1] - theta[..., 0] ** 2) ** 2)
 
 
@@ -109,7 +109,7 @@ def of_the_normal(dimension: int, draws: int = DRAWS) -> Sampler:
 
 
 def kept(sampler: Sampler, inside: Callable[[np.ndarray], np.ndarray]) -> Sampler:
-    """Draws of a part."""
+    """Sampler that keeps only the draws inside a region."""
 
     def part(rng: np.random.Generator) -> np.ndarray:
         theta = sampler(rng)
@@ -119,7 +119,7 @@ def kept(sampler: Sampler, inside: Callable[[np.ndarray], np.ndarray]) -> Sample
 
 
 def random_walk(dimension: int, steps: int, scale: float) -> Sampler:
-    """Four chains of Metropolis, begun at draws of the law."""
+    """Four Metropolis chains that start at draws of the normal density."""
 
     def chains(rng: np.random.Generator) -> np.ndarray:
         theta, found = rng.standard_normal((4, dimension)), []
@@ -134,52 +134,52 @@ def random_walk(dimension: int, steps: int, scale: float) -> Sampler:
 
 
 def autoregressive(dimension: int, steps: int) -> Sampler:
-    """Of the normal density itself, 32 chains with the autocorrelation time τ = (1 + ρ)/(1 − ρ)."""
+    """32 autoregressive chains of the normal density, with autocorrelation time τ = (1 + ρ)/(1 − ρ)."""
 
     def chains(rng: np.random.Generator) -> np.ndarray:
         rho = (TAU - 1.0) / (TAU + 1.0)
         noise = rng.standard_normal((32, steps, dimension)) * np.sqrt(1.0 - rho**2)
-        noise[:, 0] /= np.sqrt(1.0 - rho**2)  # begins in the law
+        noise[:, 0] /= np.sqrt(1.0 - rho**2)  # starts in the normal density
         return np.asarray(scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=1))
 
     return chains
 
 
 def cases() -> dict[str, Drawn]:
-    """All of them: good draws, then bad ones, then those of which the slope tells nothing."""
+    """Return all cases: correct draws, wrong draws, and draws for which the gradient is inconclusive."""
     found = {f"normal, d = {d}": Drawn(normal, of_the_normal(d), d) for d in (1, 4, 10)}
     found |= {
-        "normal, d = 4, chains of Metropolis": Drawn(normal, random_walk(4, 8000, 1.0), 4),
-        "Student, five degrees of freedom, d = 4": Drawn(student, lambda rng: rng.standard_t(5, (DRAWS, 4)), 4),
-        "exponential from a bound of the prior, d = 3": Drawn(exponential, of_the_exponential, 3, bound=1.0),
+        "normal, d = 4, Metropolis chains": Drawn(normal, random_walk(4, 8000, 1.0), 4),
+        "Student's t, five degrees of freedom, d = 4": Drawn(student, lambda rng: rng.standard_t(5, (DRAWS, 4)), 4),
+        "exponential, largest at a prior bound, d = 3": Drawn(exponential, of_the_exponential, 3, bound=1.0),
     }
     for d in (1, 4, 10):
         whole = of_the_normal(d)
         found[f"half of a normal density, d = {d}"] = Drawn(
             normal, kept(whole, lambda x: x[:, 0] < 0.0), d, right="refused"
         )
-        found[f"a tenth is missing, d = {d}"] = Drawn(normal, kept(whole, lambda x: x[:, 0] < 1.28), d, right="refused")
-        found[f"within one sd, d = {d}"] = Drawn(
+        found[f"a tenth missing, d = {d}"] = Drawn(normal, kept(whole, lambda x: x[:, 0] < 1.28), d, right="refused")
+        found[f"only within one sd, d = {d}"] = Drawn(
             normal, kept(whole, lambda x: np.abs(x[:, 0]) < 1.0), d, right="refused"
         )
     for times in (2, 30, 60):
         steps = times * TAU
         found[f"32 chains of {times} autocorrelation times, d = 4"] = Drawn(
-            normal, autoregressive(4, steps), 4, right="refused" if times == 2 else "let pass"
+            normal, autoregressive(4, steps), 4, right="refused" if times == 2 else "accepted"
         )
     narrow, few = Drawn(ridge, of_the_ridge, 2), of_the_normal(4, 100)
     return found | {
-        "bent ridge": narrow,
-        "half of a bent ridge": Drawn(ridge, kept(of_the_ridge, lambda x: x[:, 0] < 1.0), 2, right="refused"),
-        "a hundred draws, normal, d = 4": Drawn(normal, few, 4, right="refused"),
+        "curved ridge": narrow,
+        "half of a curved ridge": Drawn(ridge, kept(of_the_ridge, lambda x: x[:, 0] < 1.0), 2, right="refused"),
+        "only 100 draws, normal, d = 4": Drawn(normal, few, 4, right="refused"),
     }
 
 
-# --- what is said ---------------------------------------------------------------------------------------------------
+# --- verdicts -------------------------------------------------------------------------------------------------------
 
 
 def said(drawn: Drawn, seed: int) -> str:
-    """What stands against the draws: nothing, or a sentence."""
+    """Return the objection to the draws, empty if there is none."""
     rng = np.random.default_rng(seed)
     names = tuple(f"x{i}" for i in range(drawn.dimension))
     space = si.ParameterSpace(**{name: si.Uniform(-drawn.bound, drawn.bound) for name in names})
@@ -214,16 +214,16 @@ def main() -> None:
             continue
         found.append(row(case, drawn, 1 if quick else SEEDS))
         print(" | ".join(found[-1]), flush=True)
-    text = f"""# Draws that come with values alone
+    text = f"""# Draws given with log density values only
 
 `benchmarks/draws_by_values.py`. {common.machine()}.
 
-Draws of another program often come with the log density at them, and without the density as a function. What `si.certify`
-says of them before any run of the model, by Stein's identity and by their Monte Carlo error
-([theory](../../theory/certificate.md)). A row is {SEEDS} samples, of {DRAWS:,} draws before a part is taken away. "Not these
-values": a density that is fitted to the draws contradicts the values.
-"Too few": the Monte Carlo error of the draws' own averages is above the limits, whatever they are draws of.
-"Not told": the identity's errors are so large that half of a density would pass, so that nothing is certified.
+Other programs often provide draws with their log density values, but not the density as a function. `si.certify` then checks the
+draws before any model run, by Stein's identity and by the Monte Carlo error ([theory](../../theory/certificate.md)). Each row has
+{SEEDS} samples of {DRAWS:,} draws, from which some cases then remove a part.
+"Wrong values": a density fitted to the draws contradicts the given values. "Too few draws": the Monte Carlo error of the draws'
+averages exceeds the limits, whatever their density. "Undecided": the errors of Stein's identity are so large that half of a density
+would also be accepted, so that nothing is certified.
 
 {common.markdown_table(HEADS, found)}
 """

@@ -1,6 +1,6 @@
-"""The question: is the evidence of tempered SMC right within its error, and is it said where it is not.
+"""Accuracy of the evidence from tempered SMC within its stated error, and detection of wrong values.
 
-Run with ``python benchmarks/evidence.py [--quick]``. Beside it, nested sampling by dynesty as it comes.
+Run with ``python benchmarks/evidence.py [--quick]``. Nested sampling by dynesty, with default settings, serves for comparison.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PEER_SEEDS, PEER_DIMENSION = 3, 10
 """Nested sampling takes minutes in 20 dimensions."""
 HALF_WIDTH = 10.0
 NARROW, WIDE, MODE = 0.15, 0.3, 3.0
-"""Widths of the modes, and where they are: at ±3 in every coordinate."""
+"""Widths of the modes, and their position: ±3 in every coordinate."""
 FUNNEL_WIDTH = 30.0
 
 LogPdf = Callable[[np.ndarray], np.ndarray]
@@ -34,7 +34,7 @@ normal = scipy.stats.norm.logpdf
 
 @dataclass(frozen=True)
 class Case:
-    """A density on a box [−w, w]^d and its integral."""
+    """A density on [−w, w]^d and the logarithm of its integral."""
 
     name: str
     dimension: int
@@ -44,7 +44,7 @@ class Case:
 
     @property
     def target(self) -> si.LogDensity:
-        """The density with the box as its prior."""
+        """The density, with a uniform prior on [−w, w]^d."""
         names = tuple(f"x{i}" for i in range(self.dimension))
         box = (-self.half_width, self.half_width)
         space = si.ParameterSpace(**{n: si.Uniform(*box) for n in names})
@@ -52,13 +52,13 @@ class Case:
 
 
 def gaussian(dimension: int) -> Case:
-    """Standard deviations from 0.05 to 1."""
+    """Gaussian density with standard deviations from 0.05 to 1."""
     widths = np.geomspace(0.05, 1.0, dimension)
     return Case("Gaussian", dimension, lambda x: normal(x, 0.5, widths).sum(axis=1))
 
 
 def two_modes(name: str, dimension: int, width: float, mass: float) -> Case:
-    """A mode of some width and mass at +3, and one of width 0.3 with the rest at −3."""
+    """A mode of given width and mass at +3, and a mode of width 0.3 with the remaining mass at −3."""
 
     def density(x: np.ndarray) -> np.ndarray:
         one = np.log(mass) + normal(x, MODE, width).sum(axis=1)
@@ -83,18 +83,18 @@ def funnel(dimension: int) -> Case:
 
 
 def cases() -> list[Case]:
-    """In 10 and 20 dimensions."""
+    """All densities, in 10 and 20 dimensions."""
     makers: tuple[Callable[[int], Case], ...] = (
         gaussian,
         lambda d: two_modes("two equal modes", d, WIDE, 0.5),
-        lambda d: two_modes("a mode half as wide, of twice the mass", d, NARROW, 2.0 / 3.0),
+        lambda d: two_modes("one mode half as wide, with twice the mass", d, NARROW, 2.0 / 3.0),
         funnel,
     )
     return [make(dimension) for make in makers for dimension in (10, 20)]
 
 
 def ours(case: Case, seed: int) -> dict[str, float]:
-    """One run of SMC() as it comes."""
+    """Run SMC once with default settings."""
     began = time.perf_counter()
     result = si.sample(case.target, si.SMC(), seed=seed)
     evidence = result.log_evidence
@@ -110,7 +110,7 @@ def ours(case: Case, seed: int) -> dict[str, float]:
 
 
 def nested(case: Case, seed: int) -> dict[str, float]:
-    """One run of dynesty's static sampler as it comes."""
+    """Run dynesty's static sampler once with default settings."""
     calls = 0
 
     def likelihood(x: np.ndarray) -> float:
@@ -131,7 +131,7 @@ def nested(case: Case, seed: int) -> dict[str, float]:
 
 
 def row(case: Case, runs: list[dict[str, float]], peers: list[dict[str, float]]) -> list[str]:
-    """A line of the table."""
+    """A row of the table."""
 
     def column(rows: list[dict[str, float]], name: str) -> np.ndarray:
         return np.array([r[name] for r in rows])
@@ -141,7 +141,7 @@ def row(case: Case, runs: list[dict[str, float]], peers: list[dict[str, float]])
         return f"{found.mean():+.2f} ± {found.std():.2f}"
 
     believed = column(runs, "believed") > 0.0
-    worst = f"{np.abs(column(runs, 'z'))[believed].max():.1f}" if believed.any() else "none believed"
+    worst = f"{np.abs(column(runs, 'z'))[believed].max():.1f}" if believed.any() else "none accepted"
     peer = ["–", "–", "–"]
     if peers:
         peer = [errors(peers), f"{np.abs(column(peers, 'z')).max():.1f}", f"{np.median(column(peers, 'seconds')):.0f}"]
@@ -171,19 +171,19 @@ def main() -> None:
     header = [
         "density",
         "error of log Z",
-        "believed",
-        "largest of these, in its own errors",
-        "s",
-        "dynesty: error",
-        "in its own errors",
-        "s",
+        "accepted",
+        "largest accepted error [stated errors]",
+        "seconds",
+        "dynesty: error of log Z",
+        "dynesty: largest error [stated errors]",
+        "dynesty: seconds",
     ]
     text = f"""
 # Evidence
 
-{common.machine("dynesty")}. `SMC()` as it comes, {SEEDS} seeds a row; dynesty's static sampler as it comes, {PEER_SEEDS} seeds.
-Believed is a run whose particles were at rest and whose verdict is *converged*. The modes are at ±3 in every coordinate of a box
-from −10 to 10.
+{common.machine("dynesty")}. Each row has {SEEDS} seeds of `SMC()` and {PEER_SEEDS} seeds of dynesty's static sampler, both with
+default settings. A run is accepted if its particles were stationary and its verdict is *converged*. The modes are at ±3 in every
+coordinate; the prior range is −10 to 10.
 
 {common.markdown_table(header, rows)}
 """

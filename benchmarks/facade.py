@@ -1,7 +1,7 @@
-"""The question: what does the masonry façade cost, what does its box of parameters do, and how well do surrogates know it.
+"""Cost of the masonry façade, its drifts over the prior range, and the accuracy of its surrogates.
 
-Run with ``python benchmarks/facade.py [--quick]``. El Centro comes from ``../shared/data``. OpenSeesPy, if it is installed, runs
-the same blocks beside it, with joints whose tractions do not depend on one another.
+Run with ``python benchmarks/facade.py [--quick]``. El Centro is read from ``../shared/data``. If OpenSeesPy is installed, it
+runs the same blocks with joints whose normal and tangential tractions are uncoupled.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ COORDINATES = {
 MONITORED = ("ux_top_left", "uy_top_left", "uy_top_right")
 POINT = np.array([3e3, 0.95e6, 2e5, 0.6e6])
 LIMITS = {0.065: 0.42, 0.100: 0.31, 0.130: 0.225, 0.150: 0.20, 0.200: 0.15, 0.250: 0.019}
-"""Drifts [m], and the shares of the box that pass them in another program."""
+"""Drifts [m], and the fraction of the prior range that exceeds them in another program."""
 THESIS_SECONDS = 40.0
 
 
 def el_centro() -> si.GroundMotion:
-    """The record of the published study, 2.5 s."""
+    """Record of the published study, 2.5 s long."""
     record = si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0, order=3)
     return common.shorter_if_quick(record.scale_to_pga(6.36).trim(1.0, 3.5), 1.2)
 
@@ -62,12 +62,12 @@ def wall(*channels: str) -> si.MasonryWall:
 
 
 def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
-    """Seconds of a run: in lanes, by JAX, dense, in OpenSees."""
+    """Seconds per run: in vector code, by JAX, by dense Newton iterations and in OpenSees."""
     space, model = si.ParameterSpace(**BOX), wall("ux_top_left")
     batches = (8,) if quick else (8, 64, 512)
     designs = {count: space.sample(count, seed=count).values for count in batches}
     for theta in designs.values():
-        model.simulate(theta, record)  # compiled, and every shape of what JAX does first
+        model.simulate(theta, record)  # compiles the code, for every batch size
     timings = common.interleaved(
         {str(count): partial(model.simulate, theta, record) for count, theta in designs.items()},
         1 if quick else 5,
@@ -77,11 +77,11 @@ def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
         timing = timings[str(count)]
         rows.append(
             [
-                f"condensed, in lanes, {count} at once",
+                f"condensed, in vector code, {count} at once",
                 f"{timing.cpu_median / count:.4f}",
                 f"{timing.median / count:.4f}",
                 f"{THESIS_SECONDS * count / timing.cpu_median:,.0f}",
-                "0.04, stretch 0.02",
+                "0.04 (0.02)",
             ]
         )
     by_jax, traced = over_runs(model.response, (2, 0)), model.traced(record)
@@ -99,7 +99,7 @@ def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
 
 
 def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
-    """Seconds of a log density with its derivatives along the four parameters: in lanes, and by JAX."""
+    """Seconds per log density with its four parameter derivatives, in vector code and by JAX."""
     space, model = si.ParameterSpace(**BOX), wall(*MONITORED)
     measured = si.Observation(record, model.simulate(POINT[None], record).values[0], MONITORED)
     posterior = si.Posterior(space, model, measured, si.IID(variance=1e-8))
@@ -113,7 +113,7 @@ def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     by_jax = over_runs(forward, (0, 1))
     rows = [
         _timed(
-            f"log density with its gradient along four parameters, in lanes, {len(phi)} at once",
+            f"log density and gradient, four parameters, in vector code, {len(phi)} at once",
             lambda: jax.block_until_ready(in_lanes(phi)),
             len(phi),
         )
@@ -121,7 +121,7 @@ def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     if not quick:  # half a minute of compilation
         rows.append(
             _timed(
-                "log density with its gradient along four parameters, by JAX, 8 at once",
+                "log density and gradient, four parameters, by JAX, 8 at once",
                 lambda: by_jax(phi[:8], posterior.data),
                 8,
             )
@@ -153,7 +153,7 @@ def _in_opensees(assembly: Assembly, base: np.ndarray) -> Any:
 
 
 def growth_rows(record: si.GroundMotion, quick: bool) -> tuple[list[list[str]], str]:
-    """Seconds of a step of larger walls, all by sparse factors, one after another."""
+    """Time per step of larger walls, which run one at a time with sparse factorisation."""
     part, rows, sizes, seconds = record.trim(0.0, 0.1), [], [], []
     for courses, across in ((4, 3), (6, 4)) if quick else ((10, 5), (10, 10), (20, 10), (20, 20)):
         shape = si.Wall(width=4.0, height=3.0, openings=(), courses=(courses,), block_length=4.0 / across)
@@ -168,12 +168,12 @@ def growth_rows(record: si.GroundMotion, quick: bool) -> tuple[list[list[str]], 
     whole, last = common.growth_exponent(sizes, seconds)
     return (
         rows,
-        f"The cost grows with the number of blocks to the power {whole:.2f} ({last:.2f} in the last step; limit 1.5).",
+        f"The cost grows with the number of blocks to the power {whole:.2f} ({last:.2f} for the last doubling; limit 1.5).",
     )
 
 
 def set_up_rows(quick: bool) -> list[list[str]]:
-    """Seconds until the first eight runs are there, with an empty cache of compiled code and with a warm one."""
+    """Seconds of the first eight runs, with an empty and with a filled cache of compiled code."""
     if quick:  # a minute of compilation
         return []
     with tempfile.TemporaryDirectory() as cache:
@@ -183,22 +183,22 @@ def set_up_rows(quick: bool) -> list[list[str]]:
             environment = os.environ | {"XDG_CACHE_HOME": cache}
             said = subprocess.run(process, env=environment, capture_output=True, text=True, check=True)
             seconds.append(float(said.stdout))
-    return [["the first eight runs of a process", f"{seconds[0]:.1f}", f"{seconds[1]:.1f}"]]
+    return [["first eight runs of a new process", f"{seconds[0]:.1f}", f"{seconds[1]:.1f}"]]
 
 
 def alone() -> None:
-    """Eight runs in this process, which has done nothing before."""
+    """Time the first eight runs of this new process."""
     record, theta = el_centro(), si.ParameterSpace(**BOX).sample(8, seed=1)
     began = time.perf_counter()
     wall("ux_top_left").simulate(theta, record)
     print(time.perf_counter() - began)
 
 
-# --- the box --------------------------------------------------------------------------------------------------------
+# --- the prior range ------------------------------------------------------------------------------------------------
 
 
 def box_rows(record: si.GroundMotion, runs: int) -> tuple[list[list[str]], str]:
-    """Shares of the box that pass a drift, and how long all its runs take."""
+    """Fractions of the prior range that exceed each drift, and the time of all runs."""
     design = si.ParameterSpace(**BOX).sample(runs, seed=1)
     model = wall("drift")
     model.simulate(design[:256], record)
@@ -220,9 +220,9 @@ def box_rows(record: si.GroundMotion, runs: int) -> tuple[list[list[str]], str]:
         )
     peaks = 1e3 * np.quantile(np.abs(drift.channel("drift")).max(axis=1), [0.05, 0.25, 0.5, 0.75, 0.95])
     told = (
-        f"{runs:,} runs take {seconds:.0f} s on this machine ({seconds / runs * 1e3:.1f} ms a run; limit 24 ms), and "
-        f"{int((~drift.done).sum())} do not converge. Peak drift, quantiles 5, 25, 50, 75, 95 %: "
-        f"{', '.join(f'{p:.0f}' for p in peaks)} mm (19, 37, 54, 125, 228 in the other program)."
+        f"{runs:,} runs take {seconds:.0f} s on this machine ({seconds / runs * 1e3:.1f} ms per run; limit 24 ms), and "
+        f"{int((~drift.done).sum())} do not converge. The 5, 25, 50, 75 and 95 % quantiles of the peak drift are "
+        f"{', '.join(f'{p:.0f}' for p in peaks)} mm (19, 37, 54, 125, 228 mm in the other program)."
     )
     return rows, told
 
@@ -231,7 +231,7 @@ def box_rows(record: si.GroundMotion, runs: int) -> tuple[list[list[str]], str]:
 
 
 def surrogate_rows(record: si.GroundMotion, sizes: tuple[int, ...], unseen: int) -> list[list[str]]:
-    """Errors of a PODKriging over the whole box, in the coordinates and in the parameters themselves."""
+    """Errors of POD-Kriging over the whole prior range, in transformed coordinates and in the parameters."""
     rows, model = [], wall(*MONITORED)
     for size in sizes:
         for coordinates in (COORDINATES, None):
@@ -264,32 +264,33 @@ def main() -> None:
     box, told = box_rows(record, 16 if quick else 10_000)
     surrogates = surrogate_rows(record, (40,) if quick else (300, 900), 10 if quick else 100)
     heads = {
-        "cost": ["2.5 s at 1 ms", "s of one core a run", "s a run, all cores", "times the source's 40 s", "limit"],
+        "cost": ["2.5 s at 1 ms", "CPU s/run", "elapsed s/run", "speed-up over the source", "limit (stretch goal)"],
         "set up": ["", "empty cache [s]", "warm cache [s]"],
-        "growth": ["blocks", "joints", "ms of one core a step"],
-        "box": ["drift [mm]", "passed", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
-        "surrogates": ["runs", "fitted in", "mean error", "median", "fit [s]", "limit: mean; median"],
+        "growth": ["blocks", "joints", "CPU ms per step"],
+        "box": ["drift [mm]", "exceeded", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
+        "surrogates": ["runs", "fitted in", "mean error", "median error", "fit [s]", "limits: mean; median"],
     }
     text = f"""# The masonry façade
 
 `benchmarks/facade.py`. {common.machine("openseespy")}. Engine: {machine.engine()}.
 
-15 blocks, 34 cohesive joints, 112 degrees of freedom, El Centro. OpenSees has the same blocks and joints whose tractions depend
-on one jump each, which is all it has; with these the two agree (`tests/verification/test_facade_opensees.py`).
+15 blocks, 34 cohesive joints, 112 degrees of freedom, El Centro. OpenSees only has joints with uncoupled tractions. With the same
+blocks and such joints, structid and OpenSees agree (`tests/verification/test_facade_opensees.py`). Vector code computes several
+runs at once on one core.
 
 {common.markdown_table(heads["cost"], costs)}
 
 {common.markdown_table(heads["set up"], set_up)}
 
-**Larger walls**, solid ones of equal blocks, all in the formulation for large walls. {grown}
+**Larger walls** are solid, have equal blocks, and use the formulation for large walls. {grown}
 
 {common.markdown_table(heads["growth"], growth)}
 
-**The source's ranges** of four parameters, Latin hypercube. {told}
+**The source's ranges** of four parameters are sampled by Latin hypercube. {told}
 
 {common.markdown_table(heads["box"], box)}
 
-**Surrogates** over these ranges, three channels, errors of unseen runs:
+**Surrogates** over these ranges: errors of three channels in validation runs:
 
 {common.markdown_table(heads["surrogates"], surrogates)}
 """

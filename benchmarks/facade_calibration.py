@@ -1,6 +1,6 @@
-"""The question: is a calibration of the façade the model's own posterior, does it hold the truth, and what if the model is wrong.
+"""Calibrations of the façade compared with the model's posterior and the true parameters, for correct and wrong models.
 
-Run with ``python benchmarks/facade_calibration.py [--quick]``. El Centro comes from ``../shared/data``.
+Run with ``python benchmarks/facade_calibration.py [--quick]``. El Centro is read from ``../shared/data``.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from structid.inference.prediction.prediction import predict
 
 NAME = "facade_calibration"
 NOISE = 0.02
-"""White noise of each channel over its RMS."""
+"""Standard deviation of the white noise of each channel, divided by the channel's RMS."""
 PLAN = si.Plan(true_runs=400, start=40, batch=10)
-"""Small batches: posteriors are so narrow that the first surrogates only show where to look."""
+"""Batches are small, since the posteriors are so narrow that the first surrogates only locate them."""
 QUICK_SAMPLER = si.SMC(particles=60, ensembles=2, steps=6, effective_share=0.5)
 QUICK_PLAN = si.Plan(true_runs=44, start=12, batch=10, explorer=QUICK_SAMPLER)
-"""Too few to certify: a quick run shows that everything runs."""
+"""Too few runs for a certificate; a quick run only checks that the script works."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
 REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)
 
@@ -38,7 +38,7 @@ def model(*channels: str) -> si.MasonryWall:
 
 
 def truths(count: int) -> np.ndarray:
-    """Points of the box, spread evenly in it."""
+    """True parameters, spread evenly over the prior range."""
     return space().sample(count, 20).values
 
 
@@ -47,13 +47,13 @@ def settings_of(theta: np.ndarray) -> dict[str, float]:
 
 
 def another_record(number: int) -> si.GroundMotion:
-    """The strong part of a stochastic record, as strong as El Centro."""
+    """Strong part of a stochastic record, scaled to the PGA of El Centro."""
     record = si.GroundMotion.synthetic(seed=100 + number).lowpass(20.0).trim(6.0, 8.5).scale_to_pga(6.36)
     return common.shorter_if_quick(record, 1.2)
 
 
 def measured(truth: si.MasonryWall, seed: int) -> si.Observation:
-    """What three displacements show of it, with noise."""
+    """Simulated measurement of three displacements, with noise."""
     record = el_centro()
     clean = truth.recording(*MONITORED).simulate(np.zeros((1, 0)), record).values[0]
     noise = NOISE * np.sqrt(np.mean(clean**2, axis=0)) * np.random.default_rng(seed).normal(size=clean.shape)
@@ -65,22 +65,22 @@ def calibrated(observation: si.Observation, seed: int, plan: si.Plan, **settings
     if plan is QUICK_PLAN:
         settings["sampler"] = QUICK_SAMPLER
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what lies outside a surrogate's range is in the certificate
+        warnings.simplefilter("ignore")  # the certificate reports points outside the surrogate's range
         found = si.calibrate(model(), space(), observation, plan=plan, seed=seed, **settings)
     return found, time.perf_counter() - began
 
 
 def in_stiffnesses(draws: np.ndarray) -> np.ndarray:
-    """Log k_n and log k_t of draws (draw, parameter)."""
+    """Return log k_n and log k_t of draws (draw, parameter)."""
     phi_n, sigma, phi_t, tau = draws.T[:4]
     return np.log(np.stack([sigma**2 / phi_n, tau**2 / phi_t], axis=1))
 
 
-# --- the right model ------------------------------------------------------------------------------------------------
+# --- the correct model ----------------------------------------------------------------------------------------------
 
 
 def inside_region(draws: np.ndarray, theta: np.ndarray) -> bool:
-    """Whether the truth is inside the ellipsoid of 95 % of the draws, in normal scores of the box."""
+    """Whether the truth lies inside the ellipsoid of 95 % of the draws, in normal scores of the prior."""
     scores = ndtri(space().to_uniform(np.vstack([draws, theta])))
     centred = scores - scores[:-1].mean(axis=0)
     distance = np.einsum("di,ij,dj->d", centred, np.linalg.inv(np.cov(scores[:-1].T)), centred)
@@ -88,7 +88,7 @@ def inside_region(draws: np.ndarray, theta: np.ndarray) -> bool:
 
 
 def right_model(count: int, beside: int, reference: si.SMC, plan: si.Plan) -> tuple[list[list[str]], list[list[str]]]:
-    """Virtual experiments whose model is the right one, the first of them beside tempered SMC on the model itself."""
+    """Virtual experiments with the correct model; the first ones are compared with tempered SMC on the model itself."""
     rows, beside_rows = [], []
     for number, theta in enumerate(truths(count)):
         observation = measured(si.MasonryWall(**settings_of(theta)), number)
@@ -118,7 +118,7 @@ def _converged(result: si.SamplingResult) -> str:
 
 
 def beside_the_model(number: int, found: Any, observation: si.Observation, reference: si.SMC) -> list[str]:
-    """The same posterior by tempered SMC on the model itself."""
+    """Compare a calibration with tempered SMC on the model itself."""
     posterior = si.Posterior(space(), model(), observation)
     began = time.perf_counter()
     itself = si.sample(posterior, reference, seed=99)
@@ -144,7 +144,7 @@ def beside_the_model(number: int, found: Any, observation: si.Observation, refer
 
 
 def wrong_truth(number: int, theta: np.ndarray) -> tuple[str, si.MasonryWall]:
-    """A wall that the model is not: with damage and friction, or cut into other blocks."""
+    """True wall that differs from the model: with damage and friction, or with other blocks."""
     if number % 2:
         finer = si.Wall(courses=((8, 6), 4))
         return "twice as many courses", si.MasonryWall(**settings_of(theta), wall=finer)
@@ -153,11 +153,11 @@ def wrong_truth(number: int, theta: np.ndarray) -> tuple[str, si.MasonryWall]:
 
 
 def wrong_model(count: int, plan: si.Plan) -> list[list[str]]:
-    """Calibrate the wrong model, and predict the peak drift of another record."""
+    """Calibrate the wrong model, and predict the peak displacement under another record."""
     rows = []
     for number, theta in enumerate(truths(count)):
         what, truth = wrong_truth(number, theta)
-        law = {} if plan is QUICK_PLAN else {"discrepancy": "auto"}  # a choice takes a posterior under each law
+        law = {} if plan is QUICK_PLAN else {"discrepancy": "auto"}  # a choice samples a posterior for each error model
         found, seconds = calibrated(measured(truth, number), number, plan, **law)
         other = another_record(number)
         true_history = truth.recording(MONITORED[0]).simulate(np.zeros((1, 0)), other)
@@ -186,15 +186,15 @@ def wrong_model(count: int, plan: si.Plan) -> list[list[str]]:
 
 
 class NutsAlone(si.NUTS):
-    """NUTS without the population that its draws are compared with elsewhere: here the reference is one."""
+    """NUTS without its usual comparison with a population of particles, which is the reference here."""
 
     compared = False
 
 
 def by_gradients(theta: np.ndarray, reference: si.SMC, nuts: NutsAlone) -> list[list[str]]:
-    """One posterior of the wall itself by tempered SMC, and by NUTS through implicit derivatives.
+    """Sample one posterior of the wall itself by tempered SMC, and by NUTS with implicit derivatives.
 
-    Two parameters and 0.6 s of the record: NUTS asks for thousands of gradients, one after another.
+    The case has two parameters and 0.6 s of the record, since NUTS needs thousands of gradients one after another.
     """
     free, record = ("normal_energy", "tangential_strength"), el_centro().trim(0.9, 1.5)
     known = {name: value for name, value in settings_of(theta).items() if name not in free}
@@ -235,21 +235,21 @@ HEADS = [
     "model runs",
     "seconds",
     "truth in the 95 % region",
-    "φ_n off [sd]",
-    "σ_max",
-    "φ_t",
-    "τ_max",
+    "error of φ_n [sd]",
+    "error of σ_max [sd]",
+    "error of φ_t [sd]",
+    "error of τ_max [sd]",
     "log k_n (truth)",
     "log k_t (truth)",
 ]
 BESIDE = [
     "experiment",
     "largest error of a mean [sd]",
-    "of an sd",
-    "bulk size of SMC",
-    "SMC",
-    "runs of the wall",
-    "seconds",
+    "largest error of an sd",
+    "bulk effective size of SMC",
+    "verdict on SMC",
+    "model runs of SMC",
+    "seconds of SMC",
 ]
 WRONG = [
     "experiment, truth",
@@ -257,23 +257,23 @@ WRONG = [
     "model runs",
     "seconds",
     "error model",
-    "peak of another record [mm]",
-    "predicted 5, 50, 95 % [mm]",
-    "truth",
+    "true peak in another record [mm]",
+    "predicted 5, 50, 95 % quantiles [mm]",
+    "true peak is",
 ]
 SAMPLERS = [
     "sampler on the wall itself",
     "verdict",
-    "bulk size",
+    "bulk effective size",
     "seconds",
     "largest difference of a mean [sd]",
-    "of an sd",
+    "largest difference of an sd",
 ]
 
 
 def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
-    # Hundreds of thousands of runs of the wall: not for a quick look.
+    # The comparisons take hundreds of thousands of model runs, too many for a quick run.
     plan = QUICK_PLAN if quick else PLAN
     right, beside = right_model(1 if quick else EXPERIMENTS, 0 if quick else BESIDE_SMC, REFERENCE, plan)
     wrong = wrong_model(1 if quick else EXPERIMENTS, plan)
@@ -285,24 +285,25 @@ def main() -> None:
 
 `benchmarks/facade_calibration.py`. {common.machine()}.
 
-Virtual experiments on El Centro (2.5 s, 753 values): truths spread evenly over the source's ranges, three displacements with noise
-of 2 %. POD-Kriging in the coordinates, `si.calibrate` with at most 400 model runs, 40 in the first design and 10 a round; 30 of
-them are the certificate's. The 95 % region is the ellipsoid of the draws in normal scores of the prior. Truth inside: {inside} of
-{len(right)} (limit 9 of 10).
+Virtual experiments under El Centro (2.5 s, 753 values) give three displacements with 2 % noise. The true parameters are spread
+evenly over the source's ranges. `si.calibrate` uses POD-Kriging in transformed coordinates and at most 400 model runs: 40 in the
+first design, 10 per round, and 30 for the certificate. The 95 % region is the ellipsoid of the draws in normal scores of the
+prior. The truth is inside in {inside} of {len(right)} experiments (limit 9 of 10).
 
 {common.markdown_table(HEADS, right)}
 
-The first of them beside tempered SMC on the wall itself (limit 0.1 sd), {REFERENCE.in_words}:
+The first experiments are compared with draws on the wall itself (limit 0.1 sd), by {REFERENCE.in_words}:
 
 {common.markdown_table(BESIDE, beside)}
 
-A wrong model: the truth has damage and friction (μ = 0.7) or twice as many courses, the error model is left to the data, and
-the peak of |u_x| in another record is predicted, 5 to 95 %. Inside: {covered} of {len(wrong)} (limit 8 of 10).
+Calibrations of a wrong model: the true wall has damage and friction (μ = 0.7), or twice as many courses. The error model is chosen
+from the data. The predicted 5 to 95 % interval of the peak |u_x| in another record contains the true peak in {covered} of
+{len(wrong)} experiments (limit 8 of 10).
 
 {common.markdown_table(WRONG, wrong)}
 
-One posterior by two samplers, both on the wall itself (φ_n and τ_max unknown, 0.6 s of the record); NUTS takes the derivatives
-through the equilibrium of every step:
+Two samplers for one posterior of the wall itself (φ_n and τ_max unknown, 0.6 s of the record). NUTS uses derivatives through the
+equilibrium of every step:
 
 {common.markdown_table(SAMPLERS, both)}
 """

@@ -1,6 +1,6 @@
-"""The question: what does one run of the Bouc-Wen-Baber-Noori oscillator cost, and at what error.
+"""Cost and error of one run of the Bouc-Wen-Baber-Noori oscillator.
 
-Every peer solves the same degrading oscillator under the same 48 s record; errors are against SciPy's DOP853 at a relative
+All programs solve the same degrading oscillator under the same 48 s record. Errors are relative to SciPy's DOP853 with a relative
 tolerance of 1e-10. Run with ``python benchmarks/forward_model.py [--quick]``.
 """
 
@@ -30,7 +30,7 @@ NUMBA_RUNS = 200
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of the table: a callable to be timed, how many runs it makes, and its errors."""
+    """A row of the table: a callable to be timed, its number of runs, and its errors."""
 
     peer: str
     setting: str
@@ -41,7 +41,7 @@ class Entry:
 
 
 def parameter_rows(count: int) -> np.ndarray:
-    """Different oscillators around the true one, shape (run, parameter): a batch of equal runs would prove little."""
+    """Parameters of different oscillators near the true one, shape (run, parameter); equal runs would not be representative."""
     return np.array(TRUTH) * np.random.default_rng(5).uniform(0.9, 1.1, (count, len(FREE)))
 
 
@@ -76,7 +76,7 @@ def scipy_right_hand_side(record: si.GroundMotion) -> Callable[[float, Any], tup
 
 
 def solve_with_scipy(record: si.GroundMotion, **settings: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and velocity at the samples."""
+    """Return displacement and velocity at the samples."""
     time = record.time
     rate = scipy_right_hand_side(record)
     solution = solve_ivp(rate, (0.0, time[-1]), np.zeros(4), t_eval=time, max_step=record.dt, **settings)
@@ -86,7 +86,7 @@ def solve_with_scipy(record: si.GroundMotion, **settings: Any) -> tuple[np.ndarr
 
 
 def opensees() -> Any:
-    """Return the module of OpenSeesPy, or None with a line that says why not."""
+    """Return the OpenSeesPy module; print the reason and return None if it cannot be imported."""
     try:
         import openseespy.opensees as module
     except (ImportError, RuntimeError) as error:
@@ -122,7 +122,7 @@ def build_opensees(ops: Any, record: si.GroundMotion) -> None:
 
 
 def solve_with_opensees(ops: Any, record: si.GroundMotion, divisions: int) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and velocity at the samples, read from Python."""
+    """Return displacement and velocity at the samples, read from Python in every step."""
     build_opensees(ops, record)
     displacement, velocity = np.zeros(len(record)), np.zeros(len(record))
     for i in range(1, len(record)):
@@ -134,7 +134,7 @@ def solve_with_opensees(ops: Any, record: si.GroundMotion, divisions: int) -> tu
 
 
 def record_with_opensees(ops: Any, record: si.GroundMotion, path: Path) -> None:
-    """Run the whole record in one call, the velocity written to a file by OpenSees: its fastest way."""
+    """Run the whole record in one call while OpenSees writes the velocity to a file, its fastest mode."""
     build_opensees(ops, record)
     ops.recorder("Node", "-file", str(path), "-dT", record.dt, "-node", 2, "-dof", 1, "vel")
     if ops.analyze(len(record) - 1, record.dt) != 0:
@@ -143,7 +143,7 @@ def record_with_opensees(ops: Any, record: si.GroundMotion, path: Path) -> None:
 
 
 def numba_solvers() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Compile RK4 for one oscillator, and for a batch of them over all cores; None where Numba is missing."""
+    """Compile RK4 for one oscillator, and for a batch over all cores; return None if Numba is missing."""
     try:
         import numba
     except ImportError as error:
@@ -192,7 +192,7 @@ def numba_solvers() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
     return single, batch
 
 
-# --- what is timed ----------------------------------------------------------------------------------------------
+# --- timed calls ------------------------------------------------------------------------------------------------
 
 
 def scipy_entries(record: si.GroundMotion, truth: tuple[np.ndarray, np.ndarray]) -> list[Entry]:
@@ -265,7 +265,7 @@ def structid_entries(record: si.GroundMotion, truth: tuple[np.ndarray, np.ndarra
 
 
 def likelihood_calls(quick: bool) -> dict[tuple[int, int], Callable[[], Any]]:
-    """Calls of the compiled log posterior density, by substeps and batch: what a sampler pays."""
+    """Calls of the compiled log posterior density, as a sampler makes them, by substeps and batch size."""
     calls = {}
     for substeps in (1,) if quick else SUBSTEPS:
         posterior = common.study_posterior(common.study_record(DURATION, common.STUDY_PGA), substeps)
@@ -296,11 +296,11 @@ def entry(
     return Entry(peer, setting, call, runs, relative(history[1], truth[1]), relative(history[0], truth[0]))
 
 
-# --- what is told -----------------------------------------------------------------------------------------------
+# --- report -----------------------------------------------------------------------------------------------------
 
 
 def ratio_rows(ms: dict[tuple[str, str], float]) -> list[list[str]]:
-    """Ratios the project is held to, the default substeps beside them."""
+    """Speed ratios and their limits for one substep, and the ratios for the default substeps."""
     limits = [
         (200, ("OpenSeesPy", "dt 0.01"), 1500),
         (200, ("OpenSeesPy, file recorder", "dt 0.01"), None),
@@ -316,7 +316,7 @@ def ratio_rows(ms: dict[tuple[str, str], float]) -> list[list[str]]:
         if peer not in ms:
             continue
         held, default = (ms[peer] / ms[f"structid, batch {runs}", label(s)] for s in (1, DEFAULT_SUBSTEPS))
-        verdict = "-" if limit is None else "holds" if held >= limit else "MISSED"
+        verdict = "-" if limit is None else "met" if held >= limit else "MISSED"
         rows.append(
             [f"batch {runs} against {', '.join(peer)}", str(limit or "-"), f"{held:.4g}", verdict, f"{default:.4g}"]
         )
@@ -324,7 +324,7 @@ def ratio_rows(ms: dict[tuple[str, str], float]) -> list[list[str]]:
 
 
 def draw(entries: list[Entry], ms: dict[tuple[str, str], float], path: Path) -> None:
-    """Draw cost against velocity error, one marker per peer."""
+    """Plot cost against velocity error, with one marker per program."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -349,7 +349,7 @@ def draw(entries: list[Entry], ms: dict[tuple[str, str], float], path: Path) -> 
 
 
 def _annotate(axes: Any, point: Entry, ms: dict[tuple[str, str], float]) -> None:
-    """Label OpenSees's points by their step, and the cheapest of structid by their substeps."""
+    """Label the OpenSees points by their time step, and the cheapest structid points by their substeps."""
     position = (point.velocity_error, ms[point.peer, point.setting])
     if point.peer == "OpenSeesPy":
         axes.annotate(point.setting, position, (8, 0), fontsize=8, textcoords="offset points", va="center")
@@ -360,7 +360,7 @@ def _annotate(axes: Any, point: Entry, ms: dict[tuple[str, str], float]) -> None
 
 
 def report(entries: list[Entry], times: dict[str, common.Timing], quick: bool, repeats: int) -> None:
-    """Print and store the table, the ratios and the likelihood's cost."""
+    """Print and store the table, the ratios and the cost of the likelihood."""
     ms = {(e.peer, e.setting): 1e3 * times[f"{e.peer} | {e.setting}"].median / e.runs for e in entries}
     table = []
     for e in entries:
@@ -400,24 +400,25 @@ def report(entries: list[Entry], times: dict[str, common.Timing], quick: bool, r
                 seconds=timing.seconds,
                 cpu_seconds=timing.cpu_seconds,
             )
-    header = ("how many times faster", "limit", label(1), "verdict", f"{label(DEFAULT_SUBSTEPS)} (default)")
+    header = ("speed-up of structid", "limit", label(1), "verdict", f"{label(DEFAULT_SUBSTEPS)} (default)")
     folder = common.documents(quick)
     draw(entries, ms, folder / "figures" / f"{NAME}.png")
     text = f"""# One run of the oscillator
 
-Degrading oscillator of the study, {DURATION:g} s record (4801 samples, PGA {PGA} m/s²); cost of one run, median of {repeats}
-interleaved repeats, after compilation; relative L2 errors against DOP853 at rtol 1e-10. The peers make one run after another on
-one core (except where it says all cores); structid spreads a batch over the cores and returns the velocity histories.
-{common.machine("openseespy", "numba")}.
+Degrading oscillator of the study under a {DURATION:g} s record (4801 samples, PGA {PGA} m/s²). The cost of one run is the median
+of {repeats} interleaved repeats after compilation. Errors are relative L2 errors against DOP853 at rtol 1e-10. The other programs
+compute one run after another on one core, unless the row states all cores. structid distributes a batch over the cores and returns
+the velocity histories. {common.machine("openseespy", "numba")}.
 
 {common.markdown_table(("solver", "ms per run", "spread", "CPU ms per run", "velocity error", "displacement error"), table)}
 
-OpenSees's material integrates the degrading law by backward Euler (order 1); it converges to the same solution
+OpenSees' material integrates the degrading hysteresis by backward Euler (order 1) and converges to the same solution
 (`tests/verification/test_opensees.py`).
 
 {common.markdown_table(header, ratio_rows(ms))}
 
-What a sampler pays: one call of the log posterior density, model without degradation, same record at PGA {common.STUDY_PGA} m/s².
+Cost of one call of the log posterior density in a sampler, for a model without degradation and the same record at PGA
+{common.STUDY_PGA} m/s²:
 
 {common.markdown_table(("likelihood", "batch", "ms per call", "ms per run"), likelihood)}
 
@@ -431,7 +432,7 @@ def main() -> None:
     quick = common.is_quick(__doc__)
     repeats = 2 if quick else 9
     record = common.study_record(DURATION, PGA)
-    print("solving for the truth (DOP853, rtol 1e-10) ...", flush=True)
+    print("computing the reference solution (DOP853, rtol 1e-10) ...", flush=True)
     truth = solve_with_scipy(record, method="DOP853", rtol=1e-10, atol=1e-13)
     with tempfile.TemporaryDirectory() as folder:
         entries = [

@@ -1,8 +1,8 @@
-"""The question: does any record file or study file, however damaged, end in anything but a result or one clear refusal.
+"""Test that every damaged record or study file gives a result or one clear error message.
 
-Run with ``python benchmarks/fuzzing.py [--minutes 60] [--seed 0]``. What crashes is kept under ``build/fuzzing``. Records come
-from ``../shared/data``, studies from the package. A refusal is an `InputError` or another `StructidError` of one paragraph.
-Anything else, or a file that takes more than ten seconds, is a find.
+Run with ``python benchmarks/fuzzing.py [--minutes 60] [--seed 0]``. Files that crash are kept under ``build/fuzzing``. Records
+come from ``../shared/data``, studies from the package. The expected error is an `InputError` or another `StructidError` of one
+paragraph. Any other exception is a failure, as is a file that takes more than ten seconds.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from structid.study.run import load
 NAME = "fuzzing"
 FOLDER = common.ROOT / "build" / "fuzzing"
 SECONDS = 10
-"""That a file may take."""
+"""Largest CPU time of a file [s]."""
 CHECKED = 0.02
-"""Share of the accepted studies whose model is simulated too, as `structid check` does."""
+"""Fraction of the accepted studies whose model is also simulated, as in `structid check`."""
 WORDS = [
     "NPTS=",
     "DT=",
@@ -69,9 +69,9 @@ WORDS = [
 
 
 def mutated(rng: np.random.Generator, text: bytes) -> bytes:
-    """Bytes flipped, words put in, pieces cut out, copied or exchanged, numbers changed; one or more of these."""
+    """Apply one or more random changes: replaced bytes, inserted words, deleted, repeated or copied pieces, changed numbers."""
     for _ in range(int(rng.geometric(0.5))):
-        # Where headers are, damage is more telling than among ten thousand numbers.
+        # Damage to the header reveals more than damage among ten thousand numbers.
         end = len(text) if rng.random() < 0.5 else min(len(text), 400)
         at = int(rng.integers(end + 1))
         length = int(rng.geometric(0.05))
@@ -104,7 +104,7 @@ def mutated(rng: np.random.Generator, text: bytes) -> bytes:
 
 
 def record(path: Path, rng: np.random.Generator) -> None:
-    """Read a record file, and use it."""
+    """Read a record file, and filter the record."""
     si.GroundMotion.read(path).lowpass(10.0)
 
 
@@ -116,12 +116,12 @@ def study(path: Path, rng: np.random.Generator) -> None:
 
 
 def outcome(read: Callable[[Path, np.random.Generator], None], path: Path, rng: np.random.Generator) -> str:
-    """How reading a file ends: accepted, refused, or the name of what it raised."""
+    """Return the outcome of reading a file: accepted, refused, or the name of the exception."""
 
     def late(*_: object) -> None:
-        raise TimeoutError(f"more than {SECONDS} s of the processor")
+        raise TimeoutError(f"more than {SECONDS} s of CPU time")
 
-    # Of the processor, not of the clock: other work on the machine is no fault of a file.
+    # CPU time, not elapsed time, since other work on the machine must not count.
     signal.signal(signal.SIGPROF, late)
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
@@ -129,7 +129,7 @@ def outcome(read: Callable[[Path, np.random.Generator], None], path: Path, rng: 
             warnings.simplefilter("ignore")
             read(path, rng)
     except StructidError as refusal:
-        return "refused" if str(refusal).strip() else "refused without a word"
+        return "refused" if str(refusal).strip() else "refused without a message"
     except Exception as error:
         (path.with_suffix(path.suffix + ".traceback")).write_text(traceback.format_exc())
         return type(error).__name__
@@ -139,7 +139,7 @@ def outcome(read: Callable[[Path, np.random.Generator], None], path: Path, rng: 
 
 
 def sources() -> dict[str, tuple[Callable[[Path, np.random.Generator], None], list[bytes]]]:
-    """What is damaged: by the file's name, who reads it and good ones."""
+    """Reader and undamaged contents of each kind of file, by file name."""
     records = sorted((common.ROOT.parent / "shared" / "data" / "strong_motion").rglob("*.AT2"))
     studies = sorted((common.ROOT / "src").rglob("*.toml"))
     return {
@@ -149,11 +149,11 @@ def sources() -> dict[str, tuple[Callable[[Path, np.random.Generator], None], li
 
 
 def main() -> None:
-    """Damage files until the time is over, and say how often each outcome was."""
+    """Damage and read files until the time is over, and print the number of each outcome."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="six seconds; shows that it works")
+    parser.add_argument("--quick", action="store_true", help="six seconds; checks that the script works")
     given = parser.parse_args()
     minutes = 0.1 if given.quick else given.minutes
     FOLDER.mkdir(parents=True, exist_ok=True)

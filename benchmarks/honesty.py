@@ -1,4 +1,4 @@
-"""The question: do intervals hold the truth as often as they say, and what becomes of them where the model is wrong.
+"""Coverage of credible intervals compared with their nominal level, for correct and wrong models.
 
 Run with ``python benchmarks/honesty.py [--quick]``.
 """
@@ -21,18 +21,18 @@ from structid.inference.prediction.prediction import predict
 NAME = "honesty"
 MASS, DAMPING_RATIO, GAMMA_RATIO = 12_000.0, 0.03, 0.5
 PHI = 0.9
-"""Correlation of neighbouring values of the AR(1) noise, at 0.01 s."""
+"""Correlation of successive samples of the AR(1) noise, at a time step of 0.01 s."""
 NOISE = 0.1
-"""Of the response's RMS."""
+"""Standard deviation of the noise, divided by the RMS of the response."""
 DEGRADATION = {"delta_nu": 0.05, "delta_eta": 0.15}
-"""Of the truth that the wrong model lacks [kg/J]."""
+"""Degradation of a true oscillator, which the wrong model lacks [kg/J]."""
 PINCHING = {"zeta0": 0.6, "p": 0.5, "q": 0.1, "psi0": 0.02, "delta_psi": 0.002, "lambda_": 0.5}
-"""The same of another truth."""
+"""Pinching of another true oscillator, which the wrong model lacks."""
 RECORDS = 20
 
 
 def space() -> si.ParameterSpace:
-    """An oscillator of 1 Hz: k = m (2π)²."""
+    """Priors of a 1 Hz oscillator, with k = m (2π)²."""
     return si.ParameterSpace(
         stiffness=si.Normal(0.474, 0.06, low=0.2, high=0.8, unit="kN/mm"),
         beta=si.Uniform(5.0, 60.0, unit="1/m"),
@@ -52,7 +52,7 @@ def record(seed: int, begin: float, end: float) -> si.GroundMotion:
 
 
 def sbc_rows(replicas: int) -> list[list[str]]:
-    """Right likelihoods, and independent errors where the noise is correlated."""
+    """Ranks with correct likelihoods, and with an independent likelihood for correlated noise."""
     motion = record(8, 3.0, 13.0)
     model = oscillator(free=space().names)
     clean = model.simulate(np.array([[0.474e6, 25.0, 0.1]]), motion).values[0, :, 0]
@@ -100,7 +100,7 @@ def pinched() -> Any:
 
 
 def two_storeys() -> Any:
-    """A frame whose first frequency is the oscillator's; its roof is measured."""
+    """Frame with the same fundamental frequency as the oscillator, measured at the roof."""
     return si.ShearFrame(
         storeys=2,
         mass=MASS / 2.0,
@@ -114,9 +114,9 @@ def two_storeys() -> Any:
 
 
 TRUTHS = {
-    "degradation left out": degrading,
-    "pinching left out": pinched,
-    "a frame taken for an oscillator": two_storeys,
+    "degradation omitted": degrading,
+    "pinching omitted": pinched,
+    "frame modelled as oscillator": two_storeys,
 }
 LAWS = {
     "iid": si.IID(),
@@ -125,7 +125,7 @@ LAWS = {
     "drifting": si.Drifting(),
     "drifting, damped cosine": si.Drifting(errors=si.DampedCosine()),
 }
-"""From the simplest on."""
+"""Error models, the simplest first."""
 
 
 def motion_of(index: int) -> si.GroundMotion:
@@ -137,14 +137,14 @@ def response(truth: Any, motion: si.GroundMotion) -> np.ndarray:
 
 
 def measured(truth: Any, index: int, motion: si.GroundMotion) -> si.Observation:
-    """With noise of 2 %."""
+    """Simulated measurement with 2 % noise."""
     clean = response(truth, motion)
     return si.Observation(motion, clean + 0.02 * clean.std() * np.random.default_rng(index).normal(size=clean.shape))
 
 
 @dataclass
 class Found:
-    """What one law says of the parameters over the records, and of peaks and histories of other records."""
+    """Results of one error model: parameters over the records, and predicted peaks and histories of other records."""
 
     means: list[np.ndarray] = field(default_factory=list)
     sds: list[np.ndarray] = field(default_factory=list)
@@ -155,7 +155,7 @@ class Found:
     quiet: list[float] = field(default_factory=list)
 
     def take(self, result: si.SamplingResult, truth: Any, other: si.GroundMotion) -> None:
-        """Add the result of one record, and its prediction of another."""
+        """Add the result of one record, and its prediction for another record."""
         self.means.append(result.mean[:3])
         self.sds.append(result.sd[:3])
         posterior = result.target
@@ -174,12 +174,12 @@ class Found:
         self.quiet.append(float(inside[~strong].mean()))
 
     def take_last_of(self, other: Found) -> None:
-        """Add what another has found last."""
+        """Add the latest result of another error model."""
         for each in fields(self):
             getattr(self, each.name).append(getattr(other, each.name)[-1])
 
     def row(self, label: str, chosen: int) -> list[str]:
-        """One line of the table."""
+        """Return a row of the table."""
         scatter = np.std(self.means, axis=0, ddof=1)
         ratios = [scatter / np.sqrt(np.mean(np.square(sds), axis=0)) for sds in (self.sds, self.elsewhere)]
         both = [f"{plain:.2f} ({shown:.2f})" for plain, shown in zip(*ratios, strict=True)]
@@ -188,17 +188,17 @@ class Found:
 
 
 def wrong_model_rows(records: int, laws: dict[str, Any], structures: Sequence[str]) -> list[list[str]]:
-    """Posterior means over many records of one structure, beside what the posteriors say of themselves."""
+    """Compare the scatter of posterior means over many records of one structure with the posterior standard deviations."""
     model, rows = oscillator(free=space().names), []
     for name, truth in ((name, TRUTHS[name]()) for name in structures):
-        found, chosen = {law: Found() for law in laws}, dict.fromkeys((*laws, "the chosen one"), 0)
-        found["the chosen one"] = Found()
+        found, chosen = {law: Found() for law in laws}, dict.fromkeys((*laws, "chosen error model"), 0)
+        found["chosen error model"] = Found()
         for index in range(records):
             observation = measured(truth, index, motion_of(index))
             choice = si.choose_error_model(space(), model, observation, list(laws.values()), seed=index)
             for law, result in zip(laws, choice.results, strict=True):
                 found[law].take(result, truth, motion_of(index + 1))
-            found["the chosen one"].take_last_of(found[list(laws)[choice.chosen]])
+            found["chosen error model"].take_last_of(found[list(laws)[choice.chosen]])
             chosen[list(laws)[choice.chosen]] += 1
             print(f"{name}, record {index + 1} of {records}: {choice.sentence}", flush=True)
         rows += [found[law].row(f"{name}: {law}", chosen[law] or "") for law in found]
@@ -207,11 +207,11 @@ def wrong_model_rows(records: int, laws: dict[str, Any], structures: Sequence[st
     return rows
 
 
-# --- right models -----------------------------------------------------------------------------------------------
+# --- correct models ---------------------------------------------------------------------------------------------
 
 
 def right_model_rows(replicas: int, laws: dict[str, Any]) -> list[list[str]]:
-    """How often the law of the noise is chosen where the model is right, and the sds beside those that it gives."""
+    """How often the true error model is chosen for a correct model, and the standard deviations relative to it."""
     truth, model, rows = oscillator(stiffness=0.474e6, beta=25.0, alpha=0.1), oscillator(free=space().names), []
     for label, right in (("white noise", "iid"), ("AR(1) noise", "ar1")):
         chosen, ratios = [], []
@@ -251,49 +251,49 @@ def main() -> None:
     heads = [
         "noise and likelihood",
         "ranks",
-        "smallest p of four",
-        "50 % intervals hold",
-        "90 % intervals hold",
+        "smallest of four p-values",
+        "coverage of 50 % intervals",
+        "coverage of 90 % intervals",
         "seconds",
         "limit",
     ]
     wrong_heads = [
-        "left out: error model",
-        *(f"{name}: scatter/sd (shown sd on another record)" for name in space().names),
+        "wrong model: error model",
+        *(f"{name}: scatter/sd (record-to-record)" for name in space().names),
         "log evidence",
-        "chosen",
-        "peaks covered",
-        "strong part",
-        "quiet part",
+        "times chosen",
+        "coverage of peaks",
+        "coverage, strong part",
+        "coverage, weak part",
     ]
     right_heads = [
         "noise",
-        "the right error model",
-        "others",
-        "sd of stiffness, beta, alpha over those of the right error model",
+        "true error model chosen",
+        "others chosen",
+        "sds of stiffness, beta, alpha relative to the true error model",
         "limit",
     ]
-    text = f"""# Do intervals hold what they claim?
+    text = f"""# Coverage of credible intervals
 
 `benchmarks/honesty.py`. {common.machine()}.
 
 **Simulation-based calibration** (`si.sbc`): an oscillator of 1 Hz with three unknown parameters, 10 s of a stochastic record at
-0.01 s, noise of 10 % of the RMS; {replicas} measurements simulated with parameters drawn from the prior, each calibrated. Ranks of
-the truth are uniform at the 1 % level where the likelihood is that of the noise; where the noise is AR(1) with φ = {PHI} and the
-likelihood takes it for independent, they are not. ([figures](../../figures/sbc_3.png))
+0.01 s, noise of 10 % of the RMS. Each of {replicas} measurements is simulated with parameters from the prior, and calibrated. The
+ranks of the true parameters are uniform at the 1 % level if the likelihood matches the noise. They are not if the noise is AR(1)
+with φ = {PHI} and the likelihood assumes independent errors ([figures](../../figures/sbc_3.png)).
 
 {common.markdown_table(heads, ranks)}
 
-**Right models**: the oscillator measured for 15 s with noise of 5 %, {right} times each; which one `si.choose_error_model` takes.
+**Correct models**: choices of `si.choose_error_model` for the oscillator, measured {right} times for 15 s with 5 % noise.
 
 {common.markdown_table(right_heads, rightly)}
 
-**Wrong models**: {records} records of one structure each, 30 s with 2 % noise, calibrated with an oscillator of three unknown
-parameters. The scatter of the posterior means over the records is divided by what each posterior says of itself: by its sd, and
-in brackets by the sd on another record, which the drift of the parameters widens and which table and page show (limit 1.5). The
-last columns predict the next record from each: how often the 90 % band of the peak holds the true one (limit 80 %), and the
-share of the 90 % band with discrepancy in the strong part of the motion (its running power above a tenth of the largest) and in
-the quiet one (limits 85 to 95 %). Damped cosine is what a study with a surrogate chooses here, the last two what one without.
+**Wrong models**: an oscillator of three unknown parameters is calibrated to {records} records of each structure (30 s, 2 % noise).
+The scatter of the posterior means over the records is divided by the posterior sd. In brackets, it is divided by the reported
+record-to-record sd, which includes the drift of the parameters (limit 1.5). The last columns refer to predictions of the next
+record: how often the 90 % interval contains the true peak (limit 80 %), and which part of the history lies in the 90 % band with
+model error (limits 85 to 95 %). The strong part has a running power above a tenth of the maximum. A study with a surrogate chooses
+the damped cosine here. A study without a surrogate also has the two error models with drifting parameters to choose from.
 
 {common.markdown_table(wrong_heads, wrong)}
 """

@@ -1,7 +1,7 @@
-"""The question: are hybrid tests as exact as their equations, and how fast is their loop with everything on.
+"""Accuracy of hybrid tests, and speed of their loop with recorder and live view.
 
-The two-floor benchmark against printed figures and, where it is installed, OpenSees; orders; critical delays predicted and met;
-the loop over the loopback with two processes, recorder and live view on.
+The two-floor benchmark is compared with published peaks and, if it is installed, with OpenSees. Further tables give orders of
+convergence, critical delays, and the speed of the loop between two processes.
 
 Run with ``python benchmarks/hybrid.py [--quick]``.
 """
@@ -48,7 +48,7 @@ PRINTED: list[tuple[str, Coupling, bool, tuple[float, float, float]]] = [
     ("BWBN, ss = 1", PrakashHjelmstad(), True, (4.456357e-2, 5.069414e-2, 4.998511e4)),
     ("BWBN, PH, P fine, ss = 10", PrakashHjelmstad(10, "physical"), True, (4.466134e-2, 5.080801e-2, 5.003363e4)),
 ]
-"""Peaks of u₁, u₂ [m] and Λ [N] of an earlier program of the same equations."""
+"""Peaks of u₁, u₂ [m] and Λ [N], from an earlier program with the same equations."""
 SERVER = """
 import sys
 from structid.hybrid.coupling.coupling_benchmark import two_floor_frame
@@ -60,7 +60,7 @@ server = SpecimenServer(SimulatedSpecimen(lower.force, stiffness=lower.stiffness
 print(server.address, flush=True)
 server.serve()
 """
-"""A specimen in a process of its own."""
+"""Code of a specimen in a separate process."""
 
 
 def peaks() -> list[list[str]]:
@@ -82,7 +82,7 @@ def peaks() -> list[list[str]]:
 
 
 def orders() -> list[list[str]]:
-    """From the largest errors of u₁ over 0.8 s, at the coarse steps of Δt = 0.01 s."""
+    """Orders of convergence of the largest displacement error over 0.8 s, from Δt = 0.01 to 0.005 s."""
     rows = []
     for hysteretic in (False, True):
         fine_step = 0.01 / 64
@@ -99,7 +99,7 @@ def orders() -> list[list[str]]:
 
 
 def opensees() -> str:
-    """Largest difference from OpenSees' Newmark integration of the frame in one piece."""
+    """Largest difference from OpenSees' Newmark integration of the undivided frame."""
     try:
         import openseespy.opensees as ops
     except ImportError:
@@ -110,7 +110,7 @@ def opensees() -> str:
 
 
 def delays() -> list[list[str]]:
-    """Critical delays of one mass, all of whose stiffness or half of it is in the laboratory."""
+    """Critical delays of one mass, with all or half of its stiffness in the laboratory."""
     rows = []
     for name, omega, share, known in (
         ("12 t on 7.6 kN/mm, p = 1", float(np.sqrt(STIFFNESS / MASS)), 1.0, 2.385588e-3),
@@ -125,14 +125,14 @@ def delays() -> list[list[str]]:
 
 
 class Timed(RemoteSpecimen):
-    """A remote specimen that notes when every answer came."""
+    """Remote specimen that records the arrival time of every answer."""
 
     def __init__(self, address: str, secret: str) -> None:
         super().__init__(address, secret)
         self.came: list[float] = []
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Move, and note the time."""
+        """Move, and record the time."""
         reading = super().move(path, averaged)
         self.came.append(time.perf_counter())
         return reading
@@ -150,7 +150,7 @@ def server() -> Iterator[str]:
 
 @contextlib.contextmanager
 def watched(folder: Path) -> Iterator[None]:
-    """The live view with one browser that asks, and one that has asked and never reads."""
+    """Live view with one browser that polls, and another that sends requests and never reads the answers."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -176,7 +176,7 @@ def watched(folder: Path) -> Iterator[None]:
 
 
 def loop(seconds: float, everything: bool) -> list[str]:
-    """Moves over the loopback: rate, and how long one takes."""
+    """Rate and duration of moves over the loopback."""
     upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
     record = GroundMotion(pulse(np.arange(0.0, seconds + 0.0005, 1e-3)), 1e-3, name="pulse")
     with tempfile.TemporaryDirectory() as folder, server() as address:
@@ -193,8 +193,8 @@ def loop(seconds: float, everything: bool) -> list[str]:
     return [name, str(len(took)), f"{rate:.0f}", *(f"{q:.2f}" for q in quantiles), f"{100.0 * np.mean(took > 1.0):.1f}"]
 
 
-PEAKS = ["", "u₁ [m]", "u₂ [m]", "Λ [N]", "apart", "largest gap [m]", "Σ pseudo-energy [W/s]"]
-LOOP = ["on", "moves", "per second", "median [ms]", "99 % [ms]", "99.9 % [ms]", "worst [ms]", "above 1 ms [%]"]
+PEAKS = ["case", "u₁ [m]", "u₂ [m]", "Λ [N]", "relative difference", "largest gap [m]", "Σ pseudo-energy [W/s]"]
+LOOP = ["active", "moves", "per second", "median [ms]", "99 % [ms]", "99.9 % [ms]", "longest [ms]", "above 1 ms [%]"]
 
 
 def main() -> None:
@@ -208,33 +208,34 @@ def main() -> None:
         else [loop(seconds, everything) for everything in (False, True, True, True)]
     )
     common.record_result(NAME, quick=quick, machine=common.machine(), **results)
-    text = f"""# Hybrid tests: exactness, delays, and the loop
+    text = f"""# Hybrid tests: accuracy, delays and speed of the loop
 
 `benchmarks/hybrid.py`. {common.machine()}.
 
-Two floors, lower storey physical, Δt = 0.01 s, 200 steps; peaks, and how far they are from the figures of another program. The peak
-u₂ of "PH, N fine, ss = 10" is off by 5e-7: the figure it is held against was printed as 2.29680681e-2, and all equations of the
-step solved at once (`tests/verification/test_partitioned.py`) give 2.29680806e-2, as here.
+Two floors, lower storey physical, Δt = 0.01 s, 200 steps. Peaks are compared with those of another program. PH is
+Prakash–Hjelmstad, GC Gravouil–Combescure; P or N fine: the physical or numerical part has ss substeps. The peak u₂ of "PH, N fine,
+ss = 10" differs by 5e-7: the reference prints 2.29680681e-2; the monolithic solution of each step
+(`tests/verification/test_partitioned.py`) and structid both give 2.29680806e-2.
 
 {common.markdown_table(PEAKS, results["peaks"])}
 
-OpenSees' Newmark integration of the frame in one piece: {results["opensees"]}. ss = 1 equals the assembled method to 1e-10 for any
-split, α and interface (`tests/hybrid/coupling/test_couplings.py`).
+Difference from OpenSees' Newmark integration of the undivided frame: {results["opensees"]}. With ss = 1, the result equals the
+assembled method to 1e-10 for any split, α and interface (`tests/hybrid/coupling/test_couplings.py`).
 
-Orders of the largest error over 0.8 s, from Δt = 0.01 to 0.005 s; the first half second is a pulse. (Of the error at 2 s, by
-shorter steps, GC has 1.0 ± 0.06, PH 2.0 ± 0.05 with 1, 2, 10 and 100 substeps: `tests/hybrid/coupling/test_couplings.py`.)
+Orders of convergence of the largest error over 0.8 s, from Δt = 0.01 to 0.005 s; the load is a pulse of half a second. For the
+error at 2 s and shorter steps, the same tests find 1.0 ± 0.06 for GC, and 2.0 ± 0.05 for PH with 1, 2, 10 and 100 substeps.
 
-{common.markdown_table(["coupling", "law", "ss", "fine part", "order"], results["orders"])}
+{common.markdown_table(["coupling", "springs", "ss", "fine part", "order"], results["orders"])}
 
-Critical delays (met by a loop: next section):
+Critical delays ([limits of hybrid tests](hybrid_limits.md) compares them with a simulated loop):
 
-{common.markdown_table(["structure", "found [ms]", "known [ms]", "apart"], results["delays"])}
+{common.markdown_table(["structure", "structid [ms]", "reference [ms]", "relative difference"], results["delays"])}
 
-The loop over the loopback on two cores: the test in one process, a Bouc-Wen-Baber-Noori specimen in another, a fine specimen with
-100 moves a coarse step, HMAC on every message. With the recorder, every finished step is in mapped memory when the next begins,
-and on disk 75 ms later. The live view is a process of its own, asked by one browser every 0.4 s; another has sent fifty requests
-and never reads an answer. Python is a soft clock: a late answer pauses the motion, and nothing here is a promise for real time. A
-laboratory that moves in real time needs its controller to interpolate between commands.
+Round trip over the loopback on two cores: test and specimen (Bouc-Wen-Baber-Noori, 100 fine steps per coarse step) run in separate
+processes, and HMAC signs every message. With the recorder, every finished step is in mapped memory when the next step begins, and
+on disk 75 ms later. The live view is a separate process. One browser polls it every 0.4 s; another sends fifty requests and never
+reads an answer. Python gives no real-time guarantee: a late answer pauses the specimen. For a test in real time, the controller of
+the laboratory must interpolate between commands.
 
 {common.markdown_table(LOOP, results["loop"])}
 """

@@ -1,7 +1,7 @@
-"""The question: what can a hybrid test bear, and is that what its check says.
+"""Limits of hybrid tests, compared with the predictions of the check before a test.
 
-Critical delays, predicted and met in the loop; what compensations bring back; spectral radii and spurious damping of the couplings;
-a disk, processes and strangers that misbehave are in ``tests/hybrid``.
+The tables give critical delays as predicted and as found in the loop, the effect of compensations, and spectral radii and spurious
+damping of the couplings. Faults of the disk, of processes and of the network are tested in ``tests/hybrid``.
 
 Run with ``python benchmarks/hybrid_limits.py [--quick]``.
 """
@@ -40,7 +40,7 @@ COUPLINGS: list[tuple[str, Coupling]] = [
 
 
 def met() -> list[list[str]]:
-    """Delays at which a loop neither decays nor grows, between 1 % below and 1 % above the predicted one."""
+    """Delays at which the amplitude of a loop stays constant, searched within 1 % of the predicted delay."""
     rows = []
     for share in (1.0, 0.5):
         predicted = critical_delay(OMEGA, RATIO, share).delay
@@ -62,7 +62,7 @@ def met() -> list[list[str]]:
 
 
 def known() -> list[list[str]]:
-    """Critical delays against printed figures."""
+    """Critical delays compared with published figures."""
     parts = cut_frame(two_floor_frame(), 1, linear=True)
     whole = WholeStructure.of(PrakashHjelmstad().joined(*parts, 0.01))
     two = whole.critical_delay
@@ -78,22 +78,22 @@ def known() -> list[list[str]]:
 
 
 def compensated(cases: int | None) -> list[list[str]]:
-    """Growth of one mass in a cycle with 30 ms at λ = 10, and how well the specimen was where it should have been."""
+    """Growth of the amplitude of one mass per cycle with 30 ms delay at λ = 10, and tracking error of the specimen."""
     rows = []
     for name, compensation, noise in [
         ("none", None, 0.0),
         ("polynomial, n = 3", PolynomialExtrapolation(0.030), 0.0),
-        ("adaptive, begun at 20 ms", AdaptiveTimeSeries(0.020), 0.0),
-        ("adaptive, begun at 20 ms, 5 µm of noise", AdaptiveTimeSeries(0.020), 5e-6),
+        ("adaptive, starting at 20 ms", AdaptiveTimeSeries(0.020), 0.0),
+        ("adaptive, starting at 20 ms, 5 µm of noise", AdaptiveTimeSeries(0.020), 5e-6),
     ][:cases]:
         sensor = Sensor(noise)
         result = one_mass_test(0.030, compensation, displacement_sensor=sensor)._run_unchecked()
         rows.append([name, f"{growth(result):.4f}", f"{result.tracking['displacement'].error:.1e}"])
-    return [*rows, ["(without a delay)", f"{-2.0 * np.pi * RATIO:.4f}", "0"]]
+    return [*rows, ["(no delay)", f"{-2.0 * np.pi * RATIO:.4f}", "0"]]
 
 
 def corrected() -> str:
-    """What the correction of the force takes from the peak of two floors, at 6.36 m/s², λ = 50, 60 ms."""
+    """Error of the peak of two floors with and without force correction, at 6.36 m/s², λ = 50 and 60 ms."""
     upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
     time = np.arange(0.0, 2.0005, 1e-3)
     record = GroundMotion(pulse(time), 1e-3).scale_to_pga(6.36)
@@ -115,7 +115,7 @@ def corrected() -> str:
 
 
 def stability(couplings: int | None) -> list[list[str]]:
-    """Of couplings, damped and with an undamped specimen that has softened."""
+    """Stability of couplings, for damped parts and for an undamped specimen that has softened."""
     parts = cut_frame(two_floor_frame(), 1, linear=True)
     bare = tuple(replace(part, damping=0.0 * part.damping) for part in parts)
     rows = []
@@ -143,35 +143,35 @@ def main() -> None:
 
 `benchmarks/hybrid_limits.py`. {common.machine()}.
 
-Critical delays [ms], predicted and met by a simulated loop that neither decays nor grows (limit 1e-3 apart), and against printed
-ones:
+Critical delays [ms], as predicted and as found in a simulated loop of constant amplitude (limit of the relative difference: 1e-3).
+The second table compares them with published values:
 
-{common.markdown_table(["structure", "predicted", "met", "apart"], results["met"])}
+{common.markdown_table(["structure", "predicted", "found in the loop", "relative difference"], results["met"])}
 
-{common.markdown_table(["structure", "found [ms]", "printed [ms]"], results["known"])}
+{common.markdown_table(["structure", "structid [ms]", "published [ms]"], results["known"])}
 
-One mass with a delay of 30 ms at λ = 10: growth of the amplitude in a cycle, and the root mean square of u_m − u over that of u:
+One mass with a delay of 30 ms at λ = 10: logarithmic growth of the amplitude per cycle, and RMS of u_m − u divided by the RMS of u:
 
-{common.markdown_table(["compensation", "growth in a cycle", "NRMSE"], results["compensated"])}
+{common.markdown_table(["compensation", "growth per cycle", "NRMSE"], results["compensated"])}
 
-The correction of the force, r + K₀ (ũ − u_m), of two hysteretic floors at 6.36 m/s², λ = 50 and 60 ms: the peak is off by
-{correction}.
+The force correction r + K₀ (ũ − u_m) is applied to two hysteretic floors at 6.36 m/s², λ = 50 and a delay of 60 ms. The error of
+the peak is {correction}.
 
-Couplings: largest spectral radius less one for Δt of 10⁻³ to 100 first periods; decay ζω/(ω_P (ω_P Δt)³), below 0 where it grows,
-of an undamped structure whose specimen has softened to 0.3 and 0.01 of K₀, at ω_P Δt = 0.3; what Δt = T₁/40 adds to 3 % of damping
-in the first mode [%]:
+Couplings: "radius" is the largest spectral radius for Δt of 10⁻³ to 100 fundamental periods. The decay ζω/(ω_P (ω_P Δt)³) is given
+for an undamped structure at ω_P Δt = 0.3 with a specimen softened to 0.3 and 0.01 of K₀; negative values mean growth. The last
+column is the damping that Δt = T₁/40 adds to 3 % in the first mode:
 
-{common.markdown_table(["coupling", "radius − 1", "at 0.3 K₀", "at 0.01 K₀", "adds [%]"], results["stability"])}
+{common.markdown_table(["coupling", "radius − 1", "decay at 0.3 K₀", "decay at 0.01 K₀", "damping [%]"], results["stability"])}
 
-The filter that follows a specimen online (packaged programme, once): at the end of test #3 it is 0.4 to 3.7 of its own standard
-deviations away from the certified posterior of the same tests, six parameters, and is called overconfident in the one beyond three.
+Online filter (one run of the packaged programme): at the end of test #3, its six parameters differ from the certified posterior of
+the same tests by 0.4 to 3.7 of the filter's standard deviations. The one parameter beyond three is reported as overconfident.
 
 Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
-killed, hung and woken up again, its answer not finite, its cable out, its answer late, a disk that takes nothing more. In all
-140 no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000
-frames of noise and of changed greetings, every seventh and thirty random bytes of a session's own signed move changed, 200
-open connections that announce megabytes: all refused, the server serves on, its memory grows by less than 50 MB. A specimen
-behind a socket equals one in the same process to the last bit.
+killed, specimen suspended and resumed, answer not finite, cable unplugged, answer late, disk full. In all 140 cases no finished
+step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000 random or altered frames,
+signed moves with one altered byte (every seventh byte, thirty at random), and 200 open connections that announce megabytes are
+all refused. The server keeps running, and its memory grows by less than 50 MB. A specimen behind a socket gives the same bits as a
+specimen in the same process.
 """
     common.write_page(quick, NAME, text)
     print(text)

@@ -1,7 +1,8 @@
-"""The question: what does a run cost in compiled lanes, for every law, beside JAX's scan and a kernel written by hand.
+"""Cost of a run in compiled vector code for every hysteretic model, compared with JAX's scan and a hand-written kernel.
 
-The peer is the plain law as a Numba kernel of 16 runs innermost, written for nothing else; it is what a law that is written once
-should come near to. Histories are compared with JAX's. Run with ``python benchmarks/lanes.py [--quick]``.
+The hand-written Numba kernel has 16 runs in its innermost loop and covers only the plain model. Vector code, which is generated
+from one general model, should come close to it. Histories are compared with JAX's. Run with ``python benchmarks/lanes.py
+[--quick]``.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ NAME = "lanes"
 DURATION, PGA = 40.0, 1.8
 BATCHES, SUBSTEPS = (50, 200, 2000), (1, 3)
 NEAR_KERNEL = 1.5
-"""Most that a law written once may cost, over the kernel written by hand."""
+"""Largest cost of the general model, relative to the hand-written kernel."""
 FULL_LAW_LIMIT = 0.05
-"""Most milliseconds of a run of the full law, 200 at a time, with the default substeps."""
+"""Largest time per run of the full hysteretic model, 200 at a time, with the default substeps [ms]."""
 
 DEGRADING = {"delta_nu": common.DELTA_NU, "delta_eta": common.DELTA_ETA}
 PINCHED = {"zeta0": 0.9, "p": 10.0, "q": 0.1, "psi0": 0.002, "delta_psi": 0.0005, "lambda_": 0.5}
@@ -48,7 +49,7 @@ STOREYS = (2, 4, 8)
 
 
 def oscillator(law: str, substeps: int) -> si.BoucWen:
-    """The study's oscillator, its four parameters free, with one of the laws."""
+    """The study's oscillator with its four free parameters and one of the hysteretic models."""
     return si.BoucWen(
         mass=common.MASS,
         damping_ratio=common.DAMPING_RATIO,
@@ -59,7 +60,7 @@ def oscillator(law: str, substeps: int) -> si.BoucWen:
 
 
 def frame(storeys: int, substeps: int) -> si.ShearFrame:
-    """A frame of such springs, the velocity of its top observed."""
+    """A frame of such springs, with the velocity of its top as output."""
     return si.ShearFrame(
         storeys=storeys,
         mass=common.MASS,
@@ -71,16 +72,16 @@ def frame(storeys: int, substeps: int) -> si.ShearFrame:
 
 
 def models(substeps: int) -> dict[str, Any]:
-    """Every law, and frames."""
+    """Oscillators with every hysteretic model, and frames."""
     frames = {f"frame of {storeys} storeys": frame(storeys, substeps) for storeys in STOREYS}
     return {law: oscillator(law, substeps) for law in LAWS} | frames
 
 
-# --- the kernel by hand ---------------------------------------------------------------------------------------------
+# --- hand-written kernel --------------------------------------------------------------------------------------------
 
 
 def kernel_by_hand() -> Callable[..., np.ndarray] | None:
-    """Compile RK4 of the plain law with 16 runs innermost and the blocks over the cores; None where Numba is missing."""
+    """Compile RK4 of the plain model, with 16 runs in the innermost loop and blocks over the cores; None without Numba."""
     try:
         import numba
     except ImportError as error:
@@ -131,17 +132,17 @@ def kernel_by_hand() -> Callable[..., np.ndarray] | None:
     return call
 
 
-# --- what is timed --------------------------------------------------------------------------------------------------
+# --- timed calls ----------------------------------------------------------------------------------------------------
 
 
 def several_times(call: Callable[[], Any], times: int) -> None:
-    """Call, and keep nothing."""
+    """Call several times, and discard the results."""
     for _ in range(times):
         call()
 
 
 def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.ndarray] | None) -> list[list[str]]:
-    """One row for every model: milliseconds of a run, and how far lanes and JAX lie apart; a quick row has one batch."""
+    """Milliseconds per run of every model, and the difference between vector code and JAX; a quick run times one batch."""
     record, space = common.study_record(DURATION, PGA), common.study_space()
     theta = space.sample(batch, seed=1).values
     rows = []
@@ -175,7 +176,7 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
 
 
 def cpu_seconds(rows: np.ndarray) -> float:
-    """Processor's time of this process, all threads together, for some runs: median of fifteen, compiled and warm."""
+    """CPU time of this process for some runs, all threads together: median of fifteen calls after compilation."""
     model, record = oscillator("degrading", 3), common.study_record(DURATION, PGA)
     model.simulate(rows, record)
     spent = []
@@ -187,7 +188,7 @@ def cpu_seconds(rows: np.ndarray) -> float:
 
 
 def worker_rows(runs: int) -> list[list[str]]:
-    """Processor's time of the same runs alone on one core, and in several kinds of workers."""
+    """CPU time of the same runs on one core, and in several kinds of workers."""
     from distributed import Client, LocalCluster
 
     parts = np.split(common.study_space().sample(runs, seed=2).values, 4)
@@ -198,7 +199,7 @@ def worker_rows(runs: int) -> list[list[str]]:
     for start in ("fork", "spawn"):
         with ProcessPoolExecutor(2, multiprocessing.get_context(start)) as pool:
             spent[f"two processes, {start}"] = sum(pool.map(cpu_seconds, parts))
-    # The workers are to find what this file imports.
+    # The workers must find the modules that this file imports.
     os.environ["PYTHONPATH"] = str(Path(__file__).parent)
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
@@ -211,17 +212,17 @@ def worker_rows(runs: int) -> list[list[str]]:
     ]
 
 
-# --- what is told ---------------------------------------------------------------------------------------------------
+# --- report ---------------------------------------------------------------------------------------------------------
 
 
 def cells(name: str, each: dict[str, float], difference: float, batch: int, substeps: int) -> list[str]:
-    """One line of the table."""
+    """Return a row of the table."""
     verdict = "–"
     if "by hand" in each:
         ratio = each["lanes"] / each["by hand"]
-        verdict = f"{ratio:.2f} × by hand, limit {NEAR_KERNEL}: {'holds' if ratio <= NEAR_KERNEL else 'MISSED'}"
+        verdict = f"{ratio:.2f} × hand-written, limit {NEAR_KERNEL}: {'met' if ratio <= NEAR_KERNEL else 'MISSED'}"
     if name == FULL and batch == 200 and substeps == 3:
-        verdict = f"limit {FULL_LAW_LIMIT} ms: {'holds' if each['lanes'] <= FULL_LAW_LIMIT else 'MISSED'}"
+        verdict = f"limit {FULL_LAW_LIMIT} ms: {'met' if each['lanes'] <= FULL_LAW_LIMIT else 'MISSED'}"
     by_hand = f"{each['by hand']:.4f}" if "by hand" in each else "–"
     milliseconds = [f"{each[who]:.4f}" for who in ("lanes", "misfit", "JAX")]
     faster = f"{each['JAX'] / each['lanes']:.1f}"
@@ -248,28 +249,28 @@ def main() -> None:
                 )
     workers = 400 if quick else 8000
     header = (
-        "law, batch, substeps",
-        "lanes",
-        "lanes, misfit",
+        "model, batch, substeps",
+        "vector code",
+        "vector code, misfit",
         "JAX",
-        "by hand",
-        "times faster than JAX",
+        "hand-written",
+        "speed-up over JAX",
         "difference",
-        "limits",
+        "limit",
     )
-    text = f"""# Compiled lanes
+    text = f"""# Compiled vector code
 
-Milliseconds of one run of {DURATION:g} s (4001 samples), median of {repeats} interleaved repeats of 2000 runs, after compilation.
-"lanes" and "JAX" return histories of one velocity, "misfit" their sum of squared residuals alone. "by hand" is a
-Numba kernel of 16 runs innermost, of the plain law. The difference is the largest between the engines' histories,
-over the largest value.
-{engine()}: {lanes()} runs in a block, half of that for large states, {processor()}. {common.machine("llvmlite", "numba")}.
+Milliseconds of one run of {DURATION:g} s (4001 samples): medians of {repeats} interleaved repeats of 2000 runs, after compilation.
+Vector code computes several runs at once on one core. Vector code and JAX return the history of one velocity; "misfit" returns
+only the sum of squared residuals. The hand-written Numba kernel has 16 runs in its innermost loop and covers only the plain model.
+The difference is the largest one between the histories of the engines, over the largest value. Engine {engine()}, {lanes()} runs
+per block, half as many for large states, {processor()}. {common.machine("llvmlite", "numba")}.
 
 {common.markdown_table(header, table)}
 
-Processor's time of {workers} runs of the degrading oscillator, three substeps, in workers:
+CPU time of {workers} runs of the degrading oscillator with three substeps, in several kinds of workers:
 
-{common.markdown_table(("where", "CPU seconds", "over one core", "limit"), worker_rows(workers))}
+{common.markdown_table(("workers", "CPU seconds", "relative to one core", "limit"), worker_rows(workers))}
 """
     common.write_page(quick, NAME, text)
     print(text)

@@ -1,8 +1,8 @@
-"""The question: whose posterior is right, whose claim of being right is right, and what does it cost in runs of the model.
+"""Accuracy, claims of convergence and number of model runs of four programs on six posteriors.
 
-Run with ``python benchmarks/leaderboard.py [--quick]``. The peers are the dependency group ``peers``; those that are not installed
-are left out. Every run is a process of its own and a line in ``results/leaderboard.jsonl``; what is there is not run again. What
-the peers drew is kept in ``build/leaderboard``: delete a line to have its draws judged again.
+Run with ``python benchmarks/leaderboard.py [--quick]``. The other programs are the dependency group ``peers``; missing ones are
+omitted. Every run has a separate process and a line in ``results/leaderboard.jsonl``, and is not repeated if the line exists. Draws
+of the other programs are kept in ``build/leaderboard``: delete a line to certify its draws again.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ import structid as si
 NAME = "leaderboard"
 SEEDS = range(1, 11)
 LONGEST = 480.0
-"""Seconds after which a run is given up."""
+"""Time after which a run is stopped [s]."""
 KEPT = common.ROOT / "build" / "leaderboard"
-"""What the peers drew, and the references."""
+"""Folder of the other programs' draws and of the references."""
 REFERENCE = si.SMC(particles=1000, steps=100, effective_share=0.5, correlation=0.2)
 LEVELS = (0.05, 0.5, 0.95)
 FALSE = 0.25
-"""Error of a mean in standard deviations, or of a standard deviation as a share, with which a claim is called false."""
+"""Error of a mean in standard deviations, or relative error of a standard deviation, above which a claim is false."""
 HEADS = [
     "posterior",
     "program",
@@ -41,16 +41,16 @@ HEADS = [
     "rounds",
     "seconds",
     "error of a mean [sd]",
-    "of an sd",
-    "of a quantile [sd]",
+    "error of an sd",
+    "error of a quantile [sd]",
     "claims",
     "false claims",
-    "by `certify`",
+    "result of `certify`",
 ]
 
 
 def reference_draws(case: Case, name: str, quick: bool) -> np.ndarray:
-    """Draws of the model itself, (draw, parameter); those of the last time."""
+    """Draws from the model itself, shape (draw, parameter); stored draws are used again."""
     path = KEPT / f"{name}.npy"
     if quick:
         return si.sample(case.target, si.SMC(particles=100, steps=20), seed=99).flat
@@ -72,7 +72,7 @@ def compared(outcome: Outcome, reference: np.ndarray) -> dict[str, float]:
 
 
 def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
-    """What 60 model runs at a peer's draws say of them, and up to 40 others, asked for means and sds within those of `FALSE`."""
+    """Result of `si.certify` with the limits of `FALSE`, from 60 model runs at a program's draws and up to 40 others."""
     if outcome.log_density is None:
         return ""
     try:
@@ -86,7 +86,7 @@ def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
 
 
 def one(case_word: str, method: str, seed: int, quick: bool) -> None:
-    """One run in this process; its line is printed."""
+    """Run one case in this process, and print its line."""
     quiet()
     case = CASES[case_word]()
     outcome, seconds = kept(case, f"{case_word}-{method}-{seed}", method, seed)
@@ -107,7 +107,7 @@ def one(case_word: str, method: str, seed: int, quick: bool) -> None:
 
 
 def kept(case: Case, name: str, method: str, seed: int) -> tuple[Outcome, float]:
-    """What a program leaves, and its seconds; that of a peer from the last time."""
+    """Outcome of a program and its seconds; stored outcomes of other programs are used again."""
     path = KEPT / f"{name}.pickle"
     if path.is_file():
         outcome, seconds = pickle.loads(path.read_bytes())
@@ -116,7 +116,7 @@ def kept(case: Case, name: str, method: str, seed: int) -> tuple[Outcome, float]
     outcome = METHODS[method](case, seed)
     seconds = time.perf_counter() - began
     if method != "structid":
-        import cloudpickle  # of functions, too
+        import cloudpickle  # pickles functions, too
 
         KEPT.mkdir(parents=True, exist_ok=True)
         path.write_bytes(cloudpickle.dumps((outcome, seconds)))
@@ -124,7 +124,7 @@ def kept(case: Case, name: str, method: str, seed: int) -> tuple[Outcome, float]
 
 
 def run_apart(case_word: str, method: str, seed: int, quick: bool) -> dict[str, Any]:
-    """One run in a process of its own; what fails or takes too long is a row, too."""
+    """Run one case in a separate process; a failure or a time-out also gives a row."""
     command = [
         sys.executable,
         "-W",
@@ -140,22 +140,22 @@ def run_apart(case_word: str, method: str, seed: int, quick: bool) -> dict[str, 
     try:
         told = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
     except subprocess.TimeoutExpired:
-        return {**failed, "failed": f"not done after {LONGEST:.0f} s"}
+        return {**failed, "failed": f"stopped after {LONGEST:.0f} s"}
     lines = [line for line in told.stdout.splitlines() if line.startswith("ROW ")]
     if not lines:
-        return {**failed, "failed": (told.stderr.strip().splitlines() or ["nothing said"])[-1][:200]}
+        return {**failed, "failed": (told.stderr.strip().splitlines() or ["no output"])[-1][:200]}
     return dict(json.loads(lines[-1][4:]))
 
 
 def done(quick: bool) -> dict[tuple[str, str, int], dict[str, Any]]:
-    """Rows that are on disk."""
+    """Rows that are already stored."""
     path = (common.QUICK if quick else common.RESULTS) / f"{NAME}.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
     return {(r["case"], r["method"], r["seed"]): r for r in rows if "case" in r and r["version"] == si.__version__}
 
 
 def runs(quick: bool) -> list[dict[str, Any]]:
-    """All rows, seed after seed."""
+    """All rows, ordered by seed."""
     wanted = [
         (case, method, seed)
         for seed in ([1] if quick else SEEDS)
@@ -178,7 +178,7 @@ def false(row: dict[str, Any]) -> bool:
 
 
 def rows(found: list[dict[str, Any]]) -> list[list[str]]:
-    """Medians over seeds, and the largest of each in brackets."""
+    """Table of medians over the seeds, with the largest value in brackets."""
     groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
     for row in found:
         groups[row["case"], row["method"]].append(row)
@@ -212,18 +212,18 @@ def rows(found: list[dict[str, Any]]) -> list[list[str]]:
 
 
 def by_certify_of(group: list[dict[str, Any]]) -> str:
-    """How many were certified, and how many of these wrongly."""
+    """Numbers of certified samples, of wrong certificates and of accurate samples."""
     judged = [r for r in group if r["certify"]]
     if not judged:
         return ""
     passed = [r for r in judged if r["certify"] == "certified"]
     wrong = sum(r["mean"] > FALSE or r["sd"] > FALSE for r in passed)
     right = sum(r["mean"] <= FALSE and r["sd"] <= FALSE for r in judged)
-    return f"{len(passed)} of {len(judged)} certified, {wrong} wrongly; {right} are right"
+    return f"{len(passed)} of {len(judged)} certified, {wrong} wrongly; {right} accurate"
 
 
 def spread(group: list[dict[str, Any]], key: str, form: str) -> str:
-    """Median, and the largest."""
+    """Median, and the largest value in brackets."""
     values = [r[key] for r in group]
     middle, largest = form.format(statistics.median(values)), form.format(max(values))
     return middle if middle == largest else f"{middle} ({largest})"
@@ -241,18 +241,18 @@ def main() -> None:
 
 `benchmarks/leaderboard.py`. {common.machine("pyvbmc", "gpry", "emcee")}.
 
-Six posteriors; every program with its defaults, in a process of its own. Medians over the seeds, the largest in brackets. PyVBMC,
-GPry and emcee are given the log density with the variance of the errors integrated out, and the priors' quantiles to begin with;
-structid is given model and measurement, and keeps the variance among its parameters. Errors are the largest over the parameters,
-beside tempered SMC on the model itself. A claim ("converged", "certified") is false where a mean is more than {FALSE} posterior
-standard deviations off, or a standard deviation more than {FALSE:.0%}. Last column: what `si.certify` says of a peer's draws,
-asked for those same limits: of how many it certified, and of how many of these wrongly. It takes 60 runs at the draws, one at the
-best known point, up to 10 in search of modes that they lack, and up to 30 that teach where they are wrong. What stopped with an
-error or took more than {LONGEST / 60.0:.0f} minutes has failed.
+Every program runs with its defaults in a separate process. The table gives medians over the seeds, and the largest value in
+brackets. PyVBMC, GPry and emcee receive the log density with the error variance integrated out, and start from quantiles of the
+priors. structid receives model and measurement, and the variance is one of its parameters. Errors are the largest over the
+parameters, relative to tempered SMC on the model itself. A claim ("converged", "certified") is false if the error of a mean
+exceeds {FALSE} posterior standard deviations, or the error of a standard deviation exceeds {FALSE:.0%}. The last column gives the
+result of `si.certify` with the same limits on the draws of another program. It uses 60 runs at the draws, one at the best known
+point, up to 10 to search for missing modes, and up to 30 to learn where the draws are wrong. A program fails if it stops with an
+error or takes more than {LONGEST / 60.0:.0f} minutes.
 
-Seconds are those of a run; peers were run beside other work on the same two cores, structid alone.
+Seconds are per run. The other programs ran beside other work on the same two cores; structid ran alone.
 
-A mode that neither the peer nor any of these runs has touched is not known to `certify`, which says so.
+`certify` cannot detect a mode that neither the program nor any of these runs has visited. Its statement includes this limitation.
 
 {common.markdown_table(HEADS, table)}
 """

@@ -1,6 +1,6 @@
-"""Posteriors of the leaderboard: response models with a measurement, and the same as a log density for other programs.
+"""Posteriors of the leaderboard: response models with a measurement, and their log densities for other programs.
 
-The variance of the errors is integrated out of the density that other programs are given, so that all have the same few parameters.
+The error variance is integrated out of the log densities, so that the other programs have the same few parameters.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ class Case:
     Parameters
     ----------
     name : str
-        For the table.
+        Name in the table.
     model : Model
-        What is calibrated.
+        Model to be calibrated.
     space : ParameterSpace
         Its priors.
     observation : Observation
-        What was measured.
+        Measurement.
     respond : callable
-        The model's responses (run, time) to parameters (run, parameter), in one call.
+        Function that returns responses (run, time) for parameters (run, parameter) in one call.
     variance : float or None
-        Of the errors, where it is known.
+        Error variance, if it is known.
     """
 
     name: str
@@ -46,11 +46,11 @@ class Case:
 
     @property
     def law(self) -> Any:
-        """Of the errors, for `calibrate`."""
+        """Error model for `calibrate`."""
         return None if self.variance is None else si.IID(variance=self.variance)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Log prior plus log-likelihood, the variance integrated over U(0, max y²) where it is unknown."""
+        """Log prior plus log-likelihood; an unknown variance is integrated over U(0, max y²)."""
         theta = np.atleast_2d(theta)
         density = np.full(len(theta), -np.inf)
         inside = np.isfinite(self.space.log_density(theta))
@@ -70,7 +70,7 @@ class Case:
 
     @cached_property
     def target(self) -> si.LogDensity:
-        """The same, for samplers and for `certify`."""
+        """The log density as a target for samplers and `certify`."""
         bounds = {name: tuple(pair) for name, pair in zip(self.space.names, self.space.bounds, strict=True)}
         return si.LogDensity(self.log_density, self.space.names, self.space, bounds)
 
@@ -82,7 +82,7 @@ def study(name: str, record: si.GroundMotion) -> Case:
 
 
 def seven_parameters() -> Case:
-    """Seven parameters of the class that made the data."""
+    """Seven parameters of the model class that generated the data."""
     model, space, observation = degrading()
     record = observation.record
     return Case(
@@ -97,7 +97,7 @@ def seven_parameters() -> Case:
 def of_a_formula(
     name: str, space: si.ParameterSpace, respond: Callable[[np.ndarray], np.ndarray], y: np.ndarray, variance: float
 ) -> Case:
-    """A response that is a formula; what is done to the model is counted as runs all the same."""
+    """Case whose response is a formula; every call of the model counts as a model run."""
     record = si.GroundMotion(np.sin(np.arange(len(y))), 0.1, name=name)
 
     def one(parameters: Any, _record: Any) -> np.ndarray:
@@ -108,12 +108,12 @@ def of_a_formula(
 
 
 def directions(count: int, length: int = 40) -> np.ndarray:
-    """Give orthonormal histories, (history, time)."""
+    """Return orthonormal histories, shape (history, time)."""
     return np.linalg.qr(np.random.default_rng(4).standard_normal((length, count)))[0].T
 
 
 def rosenbrock() -> Case:
-    """−(1 − a)² − 100 (b − a²)², with priors N(0, 3) as in PyVBMC's first example."""
+    """Log-likelihood −(1 − a)² − 100 (b − a²)², with priors N(0, 3) as in PyVBMC's first example."""
     first, second = directions(2)
     space = si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0))
 
@@ -125,7 +125,7 @@ def rosenbrock() -> Case:
 
 
 def two_modes() -> Case:
-    """a² + 0.2 a = 1.2 at a = 1 and at a = −1.2; the prior makes the first one heavier."""
+    """Modes at a = 1 and a = −1.2, where a² + 0.2 a = 1.2; the prior gives the first mode more weight."""
     histories = directions(3)
     space = si.ParameterSpace(a=si.Normal(0.5, 1.0), b=si.Normal(0.0, 1.0), c=si.Normal(0.0, 1.0))
 
@@ -145,4 +145,4 @@ CASES: dict[str, Callable[[], Case]] = {
     "rosenbrock": rosenbrock,
     "two_modes": two_modes,
 }
-"""By a word for the command line."""
+"""Cases by their name on the command line."""

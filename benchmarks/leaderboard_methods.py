@@ -1,4 +1,4 @@
-"""The programs of the leaderboard, each with its defaults: what they draw, what they say of it, what it cost."""
+"""The programs of the leaderboard with their defaults: their draws, claims and costs."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ import structid as si
 
 DRAWS = 8000
 PLAUSIBLE = (0.1, 0.9)
-"""Quantiles of the priors: where PyVBMC begins."""
+"""Quantiles of the priors that bound PyVBMC's plausible region."""
 BOX = (1e-5, 1.0 - 1e-5)
-"""Quantiles of the priors: the box in which GPry searches."""
+"""Quantiles of the priors that bound GPry's search."""
 MOST_INITIAL = 500
-"""Runs in which GPry may look for its first finite points: with its default of 84 to 160 it gives up on narrow posteriors."""
+"""Largest number of runs for GPry's first finite points; with its default of 84 to 160 it stops on narrow posteriors."""
 WALKERS, MOST_STEPS, TIMES = 32, 20_000, 50.0
-"""emcee: walkers, steps at most, and autocorrelation times after which its authors believe it."""
+"""emcee: walkers, largest number of steps, and autocorrelation times that its authors require for convergence."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a program leaves.
+    """Outcome of a program.
 
     Parameters
     ----------
     draws : ndarray, shape (draw, parameter)
-        Of the case's parameters, in SI.
+        Draws of the case's parameters, in SI units.
     claims : bool
-        Whether it says that its draws may be believed: converged, or certified.
+        Whether the program reports convergence or a certificate.
     runs, rounds : int
-        Model runs, and how many followed one another.
+        Number of model runs, and number of successive rounds.
     log_density : callable or None
-        Of the draws' density, where the program knows it.
+        Log density of the draws, if the program provides it.
     known : tuple of ndarray or None
-        Points at which it has run the model, and what it found.
+        Points of the model runs, and their log densities.
     """
 
     draws: np.ndarray
@@ -51,7 +51,7 @@ class Outcome:
 
 
 class Counted:
-    """A log density of one point that remembers where it was asked for."""
+    """Log density of one point that stores all evaluated points."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
@@ -72,14 +72,14 @@ class Counted:
 
 
 def structid(case: Case, seed: int) -> Outcome:
-    """`si.calibrate` as it comes."""
+    """`si.calibrate` with default settings."""
     result = si.calibrate(case.model, case.space, case.observation, discrepancy=case.law, seed=seed)
     dimension, certificate = case.space.dimension, result.certificate
     return Outcome(result.sampling.flat[:, :dimension], certificate.certified, certificate.true_runs, result.depth)
 
 
 def pyvbmc(case: Case, seed: int) -> Outcome:
-    """Variational Bayesian Monte Carlo (Acerbi 2018), a box of plausible values from the priors' quantiles."""
+    """Variational Bayesian Monte Carlo (Acerbi 2018), with plausible bounds at quantiles of the priors."""
     from pyvbmc import VBMC
 
     np.random.seed(seed)  # noqa: NPY002  # its own source of randomness
@@ -105,15 +105,15 @@ def pyvbmc(case: Case, seed: int) -> Outcome:
 
 
 def gpry(case: Case, seed: int) -> Outcome:
-    """Gaussian-process surrogate of the log-posterior (Gammal et al. 2023), in a box of the priors' quantiles."""
+    """Gaussian-process surrogate of the log posterior (Gammal et al. 2023), with bounds at quantiles of the priors."""
     from gpry import Runner
 
     dimension, density = case.space.dimension, Counted(case)
     box = np.stack([case.space.quantile(np.full((1, dimension), p))[0] for p in BOX], axis=1)
-    # Its prior is uniform in the box; the case's prior is in the density.
+    # GPry's prior is uniform within the bounds; the log density includes the case's prior.
     runner = Runner(
         lambda x: density(x), box, seed=seed, verbose=0, plots=False, options={"max_initial": MOST_INITIAL}
-    )  # it reads the signature
+    )  # GPry inspects the signature
     runner.run()
     runner.generate_mc_sample()
     sample = runner.last_mc_samples()
@@ -134,7 +134,7 @@ def gpry(case: Case, seed: int) -> Outcome:
 
 
 def emcee(case: Case, seed: int) -> Outcome:
-    """The affine-invariant ensemble on the model itself, until its own rule is content or 640 000 runs are spent."""
+    """Affine-invariant ensemble on the model itself, until its convergence rule is met or 640 000 runs are spent."""
     from emcee import EnsembleSampler
 
     rng = np.random.default_rng(seed)
@@ -161,10 +161,10 @@ METHODS: dict[str, Callable[[Case, int], Outcome]] = {
 
 
 def installed(method: str) -> bool:
-    """Whether a program is here; the peers are a dependency group of their own."""
+    """Whether a program is installed; the other programs are a separate dependency group."""
     return method == "structid" or importlib.util.find_spec(method.lower()) is not None
 
 
 def quiet() -> None:
-    """Peers warn of themselves at length."""
+    """Suppress the many warnings of the other programs."""
     warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""A hybrid test on one mass whose specimen follows late, for the benchmark and the tests: what its loop does to the decay."""
+"""Hybrid test of one mass with a delayed specimen, for the benchmark and the tests: effect of the loop on the decay."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def one_mass_test(
     share: float = 1.0,
     **actuator: Any,
 ) -> HybridTest:
-    """A share of the stiffness in the laboratory, half of mass and damping in either part; set in motion by half a sine.
+    """Share of the stiffness in the laboratory, half of mass and damping in each part, excitation by half a sine.
 
-    A command that is held acts late by whole controller steps, so the delay is made of as many as there are substeps.
+    A held command acts with a delay of whole controller steps, so the delay has as many controller steps as there are substeps.
     """
     c = 2.0 * RATIO * OMEGA * MASS
     upper = Substructure([[MASS / 2.0]], [[c / 2.0]], [[(1.0 - share) * STIFFNESS]], [0])
@@ -49,7 +49,7 @@ def one_mass_test(
 
 
 def growth(result: HybridResult) -> float:
-    """Logarithm of the growth of the amplitude in a cycle."""
+    """Logarithmic growth of the amplitude per cycle."""
     assert result.histories is not None
     part = result.histories.fine.part
     u = part.displacement[:, 0]

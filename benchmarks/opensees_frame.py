@@ -1,4 +1,4 @@
-"""The two floors of the hybrid benchmark in one piece, by OpenSees' Newmark integration."""
+"""The undivided two-floor frame of the hybrid benchmark, by OpenSees' Newmark integration."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def displacements(ops: Any) -> np.ndarray:
     found = []
     for _ in range(STEPS):
         if ops.analyze(1, DT) != 0:
-            raise RuntimeError("OpenSees took no step")
+            raise RuntimeError("OpenSees did not complete a step")
         found.append([ops.nodeDisp(1, 1), ops.nodeDisp(2, 1)])
     ops.wipe()
     return np.array(found)

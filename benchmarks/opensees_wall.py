@@ -1,4 +1,4 @@
-"""The façade in OpenSees: the same blocks, beam, masses and loads, and joints that are nonlinear, elastic and uncoupled."""
+"""The façade in OpenSees: the same blocks, beam, masses and loads, with nonlinear elastic, uncoupled joints."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw, JointRespons
 from structid.models.masonry.finite_elements.assembly import Assembly
 
 REACH = 12.0
-"""Characteristic lengths up to which the curves of the joints are given; straight lines between so many points."""
+"""Characteristic lengths that the piecewise linear curves of the joints cover, with `POINTS` points on each side."""
 POINTS = 120
 
 
 class Uncoupled(JointLaw):
-    """SMC and NP2 in opening alone and in sliding alone, as straight lines between points: what both programs can say.
+    """SMC and NP2 in pure opening and pure sliding, as piecewise linear curves that both programs can represent.
 
     Parameters
     ----------
     law : CohesiveLaw
-        Whose curves are taken.
+        Cohesive law of the curves.
     """
 
     memories: ClassVar[int] = 0
@@ -49,7 +49,7 @@ def _on_the_lines(places: np.ndarray, values: np.ndarray, at: np.ndarray) -> tup
 
 
 def build(ops: Any, assembly: Assembly, joints: Uncoupled) -> None:
-    """Write the wall into OpenSees.
+    """Build the wall in OpenSees.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def build(ops: Any, assembly: Assembly, joints: Uncoupled) -> None:
     assembly : Assembly
         The wall.
     joints : Uncoupled
-        The law of its joints.
+        Constitutive law of its joints.
     """
     mesh, masonry = assembly.mesh, assembly.masonry
     ops.wipe()
@@ -93,7 +93,7 @@ def build(ops: Any, assembly: Assembly, joints: Uncoupled) -> None:
                 "-stress",
                 *map(float, values * joint.area),
             )
-        # Direction 1 is horizontal: the tangent of a joint between courses, the normal of one between neighbours.
+        # Direction 1 is horizontal: tangential in a joint between courses, normal in a joint between neighbouring blocks.
         across = (1, 0) if joint.normal[1] else (0, 1)
         element += 1
         ops.element(
@@ -135,7 +135,7 @@ def loaded(ops: Any, assembly: Assembly, extra: np.ndarray | None = None, steps:
     extra : ndarray, shape (dof,), optional
         Further forces [N].
     steps : int
-        How many.
+        Number of load steps.
     """
     forces = assembly.load if extra is None else extra
     tag = 1 if extra is None else 2
@@ -166,16 +166,16 @@ def shaken(ops: Any, base: np.ndarray, dt: float, a_0: float, a_1: float, node: 
     base : ndarray, shape (time,)
         Acceleration of the base [m/s²].
     dt : float
-        Step [s].
+        Time step [s].
     a_0, a_1 : float
-        Of M, and of the initial K.
+        Rayleigh coefficients of M and of the initial K.
     node : int
-        Whose horizontal displacement is recorded.
+        Node whose horizontal displacement is recorded.
 
     Returns
     -------
     ndarray, shape (time,)
-        [m].
+        Horizontal displacement of the node [m].
     """
     ops.wipeAnalysis()
     ops.timeSeries("Path", 9, "-dt", dt, "-values", *map(float, base), "-useLast")

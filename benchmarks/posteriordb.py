@@ -1,4 +1,4 @@
-"""Two posteriors of posteriordb, written from their Stan models, and how far draws of them are from its reference draws."""
+"""Two posteriors of posteriordb, written from their Stan models, and deviations of draws from the reference draws."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from structid.inference import convergence as diagnostics
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 Quantities = Callable[[np.ndarray], dict[str, np.ndarray]]
-"""From draws (..., parameter) to what the reference draws are of."""
+"""Function from draws (..., parameter) to the quantities of the reference draws."""
 
 
 def load(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Data of a posterior, and its reference draws by name."""
+    """Return the data of a posterior, and its reference draws by name."""
     data = json.loads((folder / "data.json").read_text())
     with np.load(folder / "reference_draws.npz") as file:
         draws, names = file["draws"], [str(n) for n in file["params"]]
@@ -37,7 +37,7 @@ def eight_schools(data: dict[str, Any]) -> tuple[si.LogDensity, Quantities]:
         return prior - 0.5 * (((y - mu - tau * t) / sigma) ** 2).sum()
 
     names = [*(f"t{j}" for j in range(1, 9)), "mu", "tau"]
-    # Not the prior, which has a half-Cauchy, but as wide: tempering may begin anywhere.
+    # As wide as the prior, but without its half-Cauchy density; tempering may start from any density.
     space = si.ParameterSpace(
         **{n: si.Normal(0.0, 1.0) for n in names[:8]},
         mu=si.Normal(0.0, 5.0),
@@ -53,7 +53,7 @@ def eight_schools(data: dict[str, Any]) -> tuple[si.LogDensity, Quantities]:
 
 
 def lotka_volterra(data: dict[str, Any]) -> tuple[si.LogDensity, Quantities]:
-    """u′ = (θ₁ − θ₂ v) u, v′ = (−θ₃ + θ₄ u) v, yearly, lognormal errors."""
+    """u′ = (θ₁ − θ₂ v) u, v′ = (−θ₃ + θ₄ u) v, with yearly data and lognormal errors."""
     years, first = jnp.array(data["y"]), jnp.array(data["y_init"])
     steps = 40
 
@@ -88,13 +88,13 @@ POSTERIORS = {
     "eight_schools-eight_schools_noncentered": eight_schools,
     "hudson_lynx_hare-lotka_volterra": lotka_volterra,
 }
-"""By folder."""
+"""Posteriors by folder."""
 
 
 def deviations(draws: np.ndarray, reference: dict[str, np.ndarray], quantities: Quantities) -> dict[Any, float]:
-    """How far means and second moments are from the reference, in combined Monte-Carlo standard errors.
+    """Deviations of means and second moments from the reference, in combined Monte Carlo standard errors.
 
-    `draws` are (step, ensemble, walker, parameter).
+    `draws` have the shape (step, ensemble, walker, parameter).
     """
     found, worst = quantities(draws), {}
     for name, theirs in reference.items():

@@ -1,4 +1,4 @@
-"""The question: how often does the certificate stop what is wrong, and let pass what is right, in four and in ten dimensions.
+"""Power of the certificate: shares of wrong and of correct densities that it accepts, in four and ten dimensions.
 
 Run with ``python benchmarks/power.py [--quick]``.
 """
@@ -21,25 +21,25 @@ from structid.certification.fresh_draws import FreshDraws, StoredRuns
 NAME = "power"
 DIMENSIONS = (4, 10)
 ALONE, TAUGHT = 200, 40
-"""Replications of the fresh draws alone, and of `si.certify`, which learns."""
+"""Replications with fresh draws only, and with `si.certify`, which also learns."""
 PLAIN, TEMPERED, EXPONENT = 20, 10, 0.5
 POPULATION = np.random.default_rng(0).standard_normal((500, max(DIMENSIONS)))
 CORRELATED = 0.3
 HEADS = [
-    "q = N(0, I), and the true density",
+    "true density relative to q = N(0, I)",
     "limit",
-    *(f"certified by 30 fresh draws alone, d = {d}" for d in DIMENSIONS),
-    *(f"by `si.certify`, d = {d}" for d in DIMENSIONS),
+    *(f"certified by 30 fresh draws, d = {d}" for d in DIMENSIONS),
+    *(f"certified by `si.certify`, d = {d}" for d in DIMENSIONS),
 ]
 LogRatio = Callable[[np.ndarray], np.ndarray]
-"""log π/q at points, up to a constant."""
+"""Function that returns log π/q at points, up to a constant."""
 
 
-# --- true laws ------------------------------------------------------------------------------------------------------
+# --- true densities -------------------------------------------------------------------------------------------------
 
 
 def ripples(spread: float) -> LogRatio:
-    """Weights that vary from point to point, in no direction more than in another, and without any of q's moments moved."""
+    """Weights that vary from point to point, without a preferred direction and without changing the moments of q."""
     return lambda theta: np.sqrt(2.0) * spread * np.sin(1e3 * theta @ np.arange(1.0, theta.shape[1] + 1.0))
 
 
@@ -53,28 +53,28 @@ def correlated(theta: np.ndarray) -> np.ndarray:
 
 
 def heavier_tail(share: float, too_light: float) -> LogRatio:
-    """The true law has so many times more density in the upper tail of q, which has a share of its probability."""
+    """True density that is `too_light` times q in the upper tail, which has the probability `share` under q."""
     edge = scipy.stats.norm.isf(share)
     return lambda theta: np.where(theta[:, 0] > edge, np.log(too_light), 0.0)
 
 
 CASES: dict[str, tuple[str, LogRatio]] = {
-    "the same, to weights of spread 10⁻⁶": ("100 %", ripples(1e-6)),
-    "the same": ("95 % or more", ripples(0.0)),
-    "the same, to weights of spread 0.03": ("95 % or more", ripples(0.03)),
+    "equal to q, weights of spread 10⁻⁶": ("100 %", ripples(1e-6)),
+    "equal to q": ("95 % or more", ripples(0.0)),
+    "equal to q, weights of spread 0.03": ("95 % or more", ripples(0.03)),
     "sd 0.8 in one parameter": ("1 % or less", other_sd(0.8)),
     "sd 1.2 in one parameter": ("1 % or less", other_sd(1.2)),
-    "one mean 0.2 sd away": ("1 % or less", lambda theta: 0.2 * theta[:, 0]),
+    "one mean shifted by 0.2 sd": ("1 % or less", lambda theta: 0.2 * theta[:, 0]),
     "a correlation of 0.3": ("1 % or less", correlated),
-    "a tail of 5 % that is ten times as heavy": ("10 % or less", heavier_tail(0.05, 10.0)),
+    "5 % tail, ten times as heavy": ("10 % or less", heavier_tail(0.05, 10.0)),
 }
 
 
-# --- both ways ------------------------------------------------------------------------------------------------------
+# --- both methods ---------------------------------------------------------------------------------------------------
 
 
 def by_draws_alone(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
-    """Two thirds of the fresh draws from q, one third from q^½."""
+    """Certificate by fresh draws, two thirds of them from q and one third from q^½."""
     rng = np.random.default_rng(seed)
     theta = rng.standard_normal((PLAIN + TEMPERED, dimension))
     theta[PLAIN:] /= np.sqrt(EXPONENT)
@@ -88,7 +88,7 @@ def by_draws_alone(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
 
 
 def taught(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
-    """`si.certify` with its defaults: it searches for modes, and what the draws do not decide it learns."""
+    """Certificate by `si.certify` with its defaults, including the search for modes and learning from the runs."""
 
     def log_density(theta: np.ndarray) -> np.ndarray:
         return np.asarray(scipy.stats.norm.logpdf(theta).sum(axis=1))
@@ -123,9 +123,9 @@ def main() -> None:
 
 `benchmarks/power.py`. {common.machine()}.
 
-The draws come from q, a standard normal density; the model has another one. First by the weights of 30 fresh draws alone, as in a
-calibration: {PLAIN} of q, {TEMPERED} of q^½. Then by `si.certify` with 4000 draws of q and its density, which searches for modes
-and, where the weights do not decide, learns from its runs what the true density is.
+The draws come from q, a standard normal density; the model has another density. The first certificates use only the weights of 30
+fresh draws, as in a calibration: {PLAIN} from q, {TEMPERED} from q^½. The others use `si.certify` with 4000 draws of q and its
+density. It searches for modes and, if the weights are inconclusive, learns the true density from its runs.
 
 {common.markdown_table(HEADS, found)}
 """

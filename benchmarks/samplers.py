@@ -1,6 +1,6 @@
-"""The question: do the samplers agree, how fast is each beside its peers, and what does a surrogate save the exact one.
+"""Agreement and speed of the samplers and of other programs, and savings of exact sampling with a surrogate.
 
-Run with ``python benchmarks/samplers.py [--quick]``. posteriordb comes from ``../shared/data``.
+Run with ``python benchmarks/samplers.py [--quick]``. posteriordb is read from ``../shared/data``.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ ENSEMBLE = si.AIES(
     start_candidates=10,
     settling_steps=500,
 )
-"""As a study has it: 128 walkers in all."""
+"""Settings of a study: 128 walkers in total."""
 SHORT_STAGES = {"effective_share": 0.5, "correlation": 0.3}
-"""Stages of a tempering that is not to take long."""
+"""Settings for short tempering steps."""
 ON_THE_MODEL: dict[str, Any] = {
     "structid AIES": ENSEMBLE,
     "structid SMC": si.SMC(particles=500, steps=50, **SHORT_STAGES),
 }
-"""Where every evaluation is 4001 steps of the oscillator; NUTS, whose gradients go through as many, takes more than ten minutes."""
+"""Samplers for the model itself, with 4001 time steps per evaluation; NUTS, which needs their gradients, exceeds ten minutes."""
 SAMPLERS: dict[str, Any] = {
     "structid AIES": ENSEMBLE,
     "structid SMC": si.SMC(),
@@ -55,15 +55,15 @@ QUICK_SAMPLERS: dict[str, Any] = {
     "structid AIES": QUICK_ENSEMBLE,
     "structid SMC": si.SMC(particles=250, steps=20, **SHORT_STAGES),
 }
-"""For a run that only shows that all of it works: without NUTS, whose gradients take half a minute to compile."""
+"""Samplers of a quick run, without NUTS, whose gradients take half a minute to compile."""
 
 
 def smallest_size(draws: np.ndarray) -> float:
-    """Smallest bulk effective size of the parameters of draws (step, ensemble, walker, parameter)."""
+    """Smallest bulk effective size over the parameters of draws (step, ensemble, walker, parameter)."""
     return min(diagnostics.bulk_and_tail_size(draws[..., i])[0] for i in range(draws.shape[-1]))
 
 
-# --- samplers beside their peers --------------------------------------------------------------------------------
+# --- samplers and other programs --------------------------------------------------------------------------------
 
 
 def by_emcee(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
@@ -97,7 +97,7 @@ def by_numpyro(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
 
 
 def timed(draw: Callable[[], np.ndarray], twice: bool) -> tuple[np.ndarray, float]:
-    """Draws, and the seconds of the second of two calls, since the first compiles; or of the only one."""
+    """Return draws and seconds of a call; with `twice`, of a second call, since the first one compiles."""
     if twice:
         draw()
     began = time.perf_counter()
@@ -113,7 +113,7 @@ def sampler_rows(
     samplers: dict[str, Any],
     alone: bool = False,
 ) -> list[list[str]]:
-    """Every sampler on one target, `alone` without peers; `deviation` says how far its draws are from a reference."""
+    """Run every sampler on one target, `alone` without other programs; `deviation` compares draws with a reference."""
     start = si.sample(target, si.SMC(particles=WALKERS, ensembles=1, steps=20), seed=5).history[-1, 0]
     phi = target.bijection.inverse(start)
     steps = 400 if quick else ENSEMBLE.steps
@@ -189,7 +189,7 @@ def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list
 
 
 class Counted(si.Posterior):
-    """Counts the runs that tempered particles ask for."""
+    """Posterior that counts the model runs of tempered particles."""
 
     asked = 0
 
@@ -200,7 +200,7 @@ class Counted(si.Posterior):
 
 
 def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[list[str]]:
-    """Model runs of an effective draw, without a surrogate and with good and bad ones."""
+    """Model runs per effective draw, without a surrogate and with accurate and inaccurate surrogates."""
     particles, steps = (250, 20) if quick else (1000, 60)
     reference = si.sample(posterior, si.SMC(particles=particles, steps=steps, **SHORT_STAGES), seed=99)
     counted = Counted(posterior.model_space, posterior.model, posterior.observations)
@@ -236,9 +236,9 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
     design = posterior.model_space.sample(200, seed=3, method="sobol", widen=2.0)
     record = posterior.observations[0].record
     everywhere = si.Campaign(posterior.model, record, design).run()
-    # Effective draws are themselves known to a tenth or two: several seeds.
+    # The number of effective draws is uncertain by 10 to 20 %, hence several seeds.
     calibrated_ones = {
-        f"the calibrated surrogate ({calibrated.training_runs} runs), seed {seed}": (
+        f"surrogate of a calibration ({calibrated.training_runs} runs), seed {seed}": (
             calibrated.surrogate,
             calibrated.training_runs,
             seed,
@@ -246,12 +246,12 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
         for seed in ((3,) if quick else (3, 4, 5))
     }
     surrogates = calibrated_ones | {
-        "one of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200, 3),
-        "a bad one, of 100": (si.PODKriging().fit(everywhere[:100]), 100, 3),
+        "surrogate of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200, 3),
+        "inaccurate surrogate of 100 runs": (si.PODKriging().fit(everywhere[:100]), 100, 3),
     }
     for label, (surrogate, training, seed) in surrogates.items():
-        # As many effective draws as the plain ensemble has given, or twice as many: they are known the better.
-        steps = 30 if quick else 1500 if "bad" in label else 200
+        # As many effective draws as the plain ensemble gives, or twice as many, for an accurate count.
+        steps = 30 if quick else 1500 if "inaccurate" in label else 200
         result = si.sample(
             posterior, si.DelayedAcceptance(surrogate, steps=steps, discard=max(0.1, 10 / steps)), seed=seed
         )
@@ -277,14 +277,14 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
 
 
 def evidence_rows(quick: bool) -> list[list[str]]:
-    """Both classes on data of either: log evidence of the degrading class less that of the other."""
+    """Log evidence of a degrading and a non-degrading model class on data of each class, and their difference."""
     model, space = study.model_and_space()
     wide = space.extended(delta_nu=si.Uniform(0.0, 10.0), delta_eta=si.Uniform(0.0, 20.0))
     degrading = si.BoucWen(mass=common.MASS, damping_ratio=common.DAMPING_RATIO, free=wide.names)
     record = study.stochastic(PGA)
     truths = {
-        "degrades": common.degrading_oscillator(),
-        "does not": common.degrading_oscillator(delta_nu=0.0, delta_eta=0.0),
+        "degrading": common.degrading_oscillator(),
+        "not degrading": common.degrading_oscillator(delta_nu=0.0, delta_eta=0.0),
     }
     settings = si.SMC(particles=100 if quick else 500, steps=20, **SHORT_STAGES)
     rows = []
@@ -297,7 +297,7 @@ def evidence_rows(quick: bool) -> list[list[str]]:
             for m, s in ((degrading, wide), (model, space))
         ]
         gap, error = found[0].value - found[1].value, float(np.hypot(found[0].error, found[1].error))
-        limit = "above 100" if label == "degrades" else f"below its error, {error:.2f}"
+        limit = "above 100" if label == "degrading" else f"below its error, {error:.2f}"
         rows.append([label, *(f"{e.value:.2f} ± {e.error:.2f}" for e in found), f"{gap:.2f} ± {error:.2f}", limit])
         print(" | ".join(rows[-1]), flush=True)
     return rows
@@ -308,7 +308,7 @@ def main() -> None:
     model, space = study.model_and_space()
     posterior = si.Posterior(space, model, study.measured(study.stochastic(PGA)))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what lies outside a surrogate's range
+        warnings.simplefilter("ignore")  # points outside a surrogate's range
         calibrated = si.calibrate(model, space, posterior.observations, seed=1)
         evidence = evidence_rows(quick)
         exact = exact_rows(quick, posterior, calibrated)
@@ -317,45 +317,46 @@ def main() -> None:
 
 
 def write(quick: bool, speed: list[list[str]], exact: list[list[str]], evidence: list[list[str]]) -> None:
-    """Write the section, and keep its rows."""
+    """Write the page, and store its rows."""
     speed_heads = [
         "posterior",
         "sampler",
         "seconds",
         "effective draws",
-        "effective draws/s",
+        "effective draws per second",
         "R-hat",
-        "from the reference",
+        "deviation from the reference",
     ]
     exact_heads = [
-        "how",
+        "method",
         "model runs",
         "effective draws",
-        "model runs for one",
-        "fewer by",
-        "accepted",
-        "sub-chain",
-        "from the reference",
+        "model runs per effective draw",
+        "times fewer",
+        "acceptance",
+        "length of sub-chains",
+        "deviation from the reference",
     ]
-    evidence_heads = ["the truth", "log Z, degrading", "log Z, not degrading", "difference", "limit"]
+    evidence_heads = ["true oscillator", "log Z, degrading model", "log Z, non-degrading model", "difference", "limit"]
     text = f"""# Samplers, exact sampling, evidence
 
 `benchmarks/samplers.py`. {common.machine("emcee", "numpyro", "blackjax")}.
 
-**Samplers**: effective draws are the smallest bulk size of all parameters by one estimator for all; seconds are those of a second
-call, when everything is compiled, start and warm-up included; on the model itself, of the only one (fewer draws are asked for).
-emcee and NumPyro start from draws of the posterior, ours from the prior. The last column is the largest deviation of a mean or a
-second moment from the reference draws (posteriordb's own; for the study tempered SMC of 8000 particles, on the model itself of
-4000) in combined Monte-Carlo standard errors: about 3 is to be expected of the largest of ten.
+**Samplers**: the number of effective draws is the smallest bulk effective size of a parameter, by one estimator for all programs.
+Seconds include start and warm-up, and are from a second call after compilation; on the model itself from the only call, with fewer
+draws. emcee and NumPyro start from posterior draws, structid from the prior. The last column is the largest deviation of a mean or
+second moment from reference draws, in combined Monte Carlo standard errors; about 3 is expected for the largest of ten. References
+are posteriordb's draws, and tempered SMC with 8000 particles for the study (4000 for the model itself).
 
 {common.markdown_table(speed_heads, speed)}
 
-**Delayed acceptance** on the study `bouc_wen`, stochastic record, against an ensemble on the model itself and tempered particles,
-their stages included. Model runs include those that the surrogate was fitted to. The limit is 20 times fewer than the ensemble's.
+**Delayed acceptance** on the study `bouc_wen` (stochastic record), compared with an ensemble and tempered SMC on the model itself.
+Model runs include tempering steps and the surrogate's training runs. The limit is 20 times fewer runs per effective draw than the
+ensemble.
 
 {common.markdown_table(exact_heads, exact)}
 
-**Evidence** by tempered SMC on the study: a class with degradation (priors U(0, 10) and U(0, 20) kg/J) against one without.
+**Evidence** by tempered SMC on the study, for models with degradation (priors U(0, 10) and U(0, 20) kg/J) and without.
 
 {common.markdown_table(evidence_heads, evidence)}
 """

@@ -1,7 +1,8 @@
-"""The question: how true are surrogates of histories, what do they cost, and how do chaos and Kriging compare with peers.
+"""Accuracy and cost of surrogates for histories, and of polynomial chaos and Kriging compared with other programs.
 
-Run with ``python benchmarks/surrogates.py [--quick]``. The record and the peers' scripts come from ``../shared/peers``; peers run
-if ``PEERS_PYTHON`` (OpenTURNS, SMT, chaospy, scikit-learn) and ``UQPY_PYTHON`` name Python installations that have them.
+Run with ``python benchmarks/surrogates.py [--quick]``. The record and the scripts of other programs are in ``../shared/peers``.
+They run if ``PEERS_PYTHON`` (OpenTURNS, SMT, chaospy, scikit-learn) and ``UQPY_PYTHON`` name Python installations with these
+programs.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ PEERS = common.ROOT.parent / "shared" / "peers"
 PGA, DESIGN_RUNS, VALIDATION_RUNS, EVALUATIONS = 3.59, 500, 10_000, 70_000
 QUICK_DESIGN_RUNS, QUICK_VALIDATION_RUNS = 100, 500
 HALF_ENSEMBLE = 50
-"""Walkers of an ensemble of 100 that are evaluated at once."""
+"""Number of walkers that are evaluated at once in an ensemble of 100."""
 
 LIMITS = {
-    "PC-NARX": "mean 5e-4, worst 1e-2; stretch 1e-4, 1e-3",
-    "Kriging-NARX": "mean 5e-4, worst 1e-2; stretch 1e-4, 1e-3",
-    "POD-Kriging": "mean 5e-5, median 1e-6; stretch 1e-6, 1e-8",
-    "POD-PCE": "mean 5e-4; stretch 1e-5",
+    "PC-NARX": "mean 5e-4, largest 1e-2 (1e-4, 1e-3)",
+    "Kriging-NARX": "mean 5e-4, largest 1e-2 (1e-4, 1e-3)",
+    "POD-Kriging": "mean 5e-5, median 1e-6 (1e-6, 1e-8)",
+    "POD-PCE": "mean 5e-4 (1e-5)",
 }
 TIME_LIMITS = {"PC-NARX": "1.2", "Kriging-NARX": "15 (5)", "POD-Kriging": "1.2", "POD-PCE": "–"}
 SETTINGS = {
@@ -50,7 +51,7 @@ SETTINGS = {
 
 
 def record() -> si.GroundMotion:
-    """The stochastic record all figures are for: 20 Hz low-pass, first 40 s, PGA 3.59 m/s²."""
+    """The stochastic record of this benchmark: 20 Hz low-pass, first 40 s, PGA 3.59 m/s²."""
     values = np.load(PEERS / "record.npy")
     return si.GroundMotion(values, 0.01, "peers' record").lowpass(20.0).trim(0.0, 40.0).scale_to_pga(PGA)
 
@@ -61,7 +62,7 @@ def problem() -> tuple[si.BoucWen, si.ParameterSpace]:
 
 
 def accuracy(quick: bool) -> tuple[list[list[str]], dict[str, Any]]:
-    """Errors over independent runs, for a design that reaches into the tails and for one drawn from the prior itself."""
+    """Errors in independent runs, for a design that extends into the tails and for a design drawn from the prior."""
     model, space = problem()
     fitted_on, validated_on = (QUICK_DESIGN_RUNS, QUICK_VALIDATION_RUNS) if quick else (DESIGN_RUNS, VALIDATION_RUNS)
     unseen = si.Campaign(model, record(), space.sample(validated_on, seed=2, method="random")).run()
@@ -84,7 +85,7 @@ def accuracy(quick: bool) -> tuple[list[list[str]], dict[str, Any]]:
 
 
 def evaluation(fitted: dict[str, Any], quick: bool) -> list[list[str]]:
-    """Seconds of 70 000 log densities, half an ensemble of 100 walkers at a time, and of the model itself."""
+    """Seconds of 70 000 log densities, 50 walkers at a time, for the surrogates and the model itself."""
     model, space = problem()
     truth = model.simulate(space.sample(1, seed=3), record()).values[0]
     rows = []
@@ -100,7 +101,7 @@ def evaluation(fitted: dict[str, Any], quick: bool) -> list[list[str]]:
 
 
 def further() -> list[list[str]]:
-    """The other figures of histories: each experiment by itself, 300 runs, ten records, and the published way."""
+    """Further results for histories: single experiments, 300 runs, ten records, and the published method."""
     model, space = problem()
     design = space.sample(DESIGN_RUNS, 1, "sobol", 2.0)
     runs = si.Campaign(model, record(), space.sample(DESIGN_RUNS, 1)).run()
@@ -108,15 +109,13 @@ def further() -> list[list[str]]:
     joint = np.asarray(fitting._joint().predict(runs.design.values[fitting.fitted]))
     data = fitting.data[fitting.fitted]
     own = fitting.free_run.errors(refined_coefficients(fitting.free_run, joint, data, 2), data)
-    rows = [
-        ["NARX, coefficients of each experiment, mean over the design", f"{own.mean():.1e}", "5e-4 (1e-4) [7.74e-3]"]
-    ]
+    rows = [["NARX with coefficients for each run: mean over the design", f"{own.mean():.1e}", "5e-4 (1e-4) [7.74e-3]"]]
 
     began = time.perf_counter()
     si.PCNARX().fit(si.Campaign(model, record(), space.sample(300, 1, "sobol", 2.0)).run())
     rows.append(
         [
-            "PC-NARX, training on 300 runs of 4001 samples [s], compilation included",
+            "PC-NARX: training on 300 runs of 4001 samples, with compilation [s]",
             f"{time.perf_counter() - began:.1f}",
             "6",
         ]
@@ -133,8 +132,8 @@ def further() -> list[list[str]]:
     found = si.PCNARX().fit(ten).validate(unseen)
     rows.append(
         [
-            "PC-NARX trained on ten records, on ten others, mean",
-            f"{found.mean:.1e}, worst {found.worst:.1e}",
+            "PC-NARX trained on ten records: mean error on ten other records",
+            f"{found.mean:.1e}, largest {found.worst:.1e}",
             "1e-2 (2e-3)",
         ]
     )
@@ -148,7 +147,7 @@ def further() -> list[list[str]]:
         lost = f"{thesis.diverged} of 1000 diverged" if thesis.diverged else f"mean {thesis.mean:.2e}, none diverged"
         rows.append(
             [
-                f"PC-NARX as published: {len(surrogate.terms)} absolute terms, each of {len(fitted_to)} runs by least squares",
+                f"PC-NARX as published: {len(surrogate.terms)} absolute terms, least squares for each of {len(fitted_to)} runs",
                 f"median {thesis.median:.1e}, {lost}",
                 "[9.66e-3]",
             ]
@@ -156,19 +155,19 @@ def further() -> list[list[str]]:
     joint_only = si.PCNARX(steps=0).fit(runs).validate(few)
     rows.append(
         [
-            "PC-NARX with hysteretic memory, joint regression alone",
-            f"mean {joint_only.mean:.1e}, worst {joint_only.worst:.1e}",
+            "PC-NARX with hysteretic memory, joint regression only",
+            f"mean {joint_only.mean:.1e}, largest {joint_only.worst:.1e}",
             "–",
         ]
     )
     return rows
 
 
-# --- scalar outputs, and peers --------------------------------------------------------------------------------------
+# --- scalar outputs, other programs ---------------------------------------------------------------------------------
 
 
 def peers_problem(case: str, runs: int) -> tuple[si.Design, np.ndarray, np.ndarray, np.ndarray]:
-    """Design, outputs, validation points and outputs of `shared/peers/common.py`."""
+    """Design with outputs, and validation points with outputs, from `shared/peers/common.py`."""
     code = (
         f"import sys; sys.path.insert(0, {str(PEERS)!r}); import common, numpy; "
         f"numpy.savez(sys.argv[1], *common.problem({case!r}, {runs})[:4])"
@@ -266,7 +265,7 @@ PEER_RUNS = (
 
 
 def peer_rows(quick: bool) -> list[list[str]]:
-    """The peers' own scripts, from a copy: they write beside themselves."""
+    """Run copies of the other programs' scripts, since these write into their own folder."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for script in PEERS.glob("*.py"):
@@ -291,42 +290,42 @@ def peer_rows(quick: bool) -> list[list[str]]:
 def section(accurate: Any, evaluated: Any, more: Any, scalar: Any, growth: Any) -> str:
     heads = [
         "surrogate, design",
-        "mean",
+        "mean error",
         "median",
         "95 %",
-        "worst",
+        "largest",
         "diverged",
-        "peak off by",
+        "error of the peak",
         "coverage",
         "fit [s]",
-        "limit",
+        "limits (stretch goals)",
     ]
     return f"""# Surrogates
 
 `benchmarks/surrogates.py`. {common.machine("scikit-learn")}.
 
-Prior and model of the `bouc_wen` study, the stochastic record of `shared/peers` at PGA {PGA} m/s², {DESIGN_RUNS} runs in the
-design, {VALIDATION_RUNS:,} independent ones to validate, drawn from the prior. Error ε = Σ(y − ŷ)²/Σ(y − ȳ)² of a free run;
-published were 9.66e-3 (PC-NARX) and 9.00e-3 (Kriging-NARX) in the mean, on a milder problem.
+Prior and model of the `bouc_wen` study, stochastic record of `shared/peers` at PGA {PGA} m/s², {DESIGN_RUNS} runs in the design,
+and {VALIDATION_RUNS:,} independent validation runs drawn from the prior. The error of a free run is ε = Σ(y − ŷ)²/Σ(y − ȳ)². The
+published means are 9.66e-3 (PC-NARX) and 9.00e-3 (Kriging-NARX), for a milder problem.
 
 {common.markdown_table(heads, accurate)}
 
-{EVALUATIONS:,} log densities, {HALF_ENSEMBLE} at a time as an ensemble of 100 walkers asks for them; limit and stretch in seconds,
-published inversions: 55 minutes and 18 hours:
+{EVALUATIONS:,} log densities, {HALF_ENSEMBLE} at a time as in an ensemble of 100 walkers. The published inversions took 55 minutes
+(PC-NARX) and 18 hours (Kriging-NARX).
 
-{common.markdown_table(["what", "ms each", f"{EVALUATIONS:,} [s]", "limit (stretch)"], evaluated)}
+{common.markdown_table(["log density by", "ms each", f"{EVALUATIONS:,} [s]", "limit (stretch goal) [s]"], evaluated)}
 
-{common.markdown_table(["what", "found", "limit (stretch) [published]"], more)}
+{common.markdown_table(["quantity", "result", "limit (stretch goal) [published]"], more)}
 
-Chaos and Kriging of scalar outputs on the peers' kinked function of four inputs, error over 10⁴ points; peers in the same run with
-one thread, as ours:
+Polynomial chaos and Kriging of scalar outputs: a kinked function of four inputs, with the error over 10⁴ points. All programs run
+in the same session with one thread.
 
-{common.markdown_table(["who", "seconds", "error", "limit"], scalar)}
+{common.markdown_table(["program", "seconds", "error", "limit"], scalar)}
 
-Growth of the cost over N = 250 … 4000, least-squares exponent and that of the last doubling. Peers (`shared/peers`, N to 2000):
-scikit-learn 2.4, OpenTURNS 3.0, SMT 2.2; chaos: OpenTURNS 1.7, UQpy 0.9.
+Growth of the cost over N = 250 … 4000: exponent by least squares, and in the last doubling. Other programs (`shared/peers`, N up to
+2000): Kriging by scikit-learn 2.4, OpenTURNS 3.0, SMT 2.2; polynomial chaos by OpenTURNS 1.7, UQpy 0.9.
 
-{common.markdown_table(["what", "exponent", "last doubling"], growth)}
+{common.markdown_table(["program", "exponent", "last doubling"], growth)}
 """
 
 

@@ -1,7 +1,7 @@
-"""The question: does structid give what the MSc thesis prints, table by table and figure by figure; and where not, why.
+"""Comparison of structid with every table and figure of the MSc thesis, and the reasons for differences.
 
-Run with ``python benchmarks/thesis.py [--quick]``. El Centro comes from ``../shared/data``. It writes the page docs/thesis.md and
-its pictures, in about ten minutes.
+Run with ``python benchmarks/thesis.py [--quick]``. El Centro is read from ``../shared/data``. The script writes docs/thesis.md
+and its pictures in about ten minutes.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ NAME = "thesis"
 
 
 def times() -> Row:
-    """What the thesis's inversions took, beside ours."""
+    """Computing times of the thesis's inversions and of structid."""
     return Row(
         "text",
         "computing times",
         joined(["33 h the model", "55 min PC-NARX", "18 h Kriging-NARX", "40 s a run of the façade"]),
         "–",
         joined(["0.4 to 0.8 s", "0.5 s", "0.5 s", "0.008 s of one core"]),
-        "compiled batches in place of a run at a time; see the pages of benchmarks",
+        "compiled batches instead of one run at a time; see the benchmarks",
     )
 
 
 def page(chapters: list[Chapter], seconds: float) -> str:
-    """The whole page."""
+    """Return the whole page."""
     count = sum(len(chapter.rows) for chapter in chapters)
     beginning = f"""# The thesis, reproduced
 
 `benchmarks/thesis.py`, {seconds / 60.0:.0f} min. {common.machine()}.
 
-structid began from an MSc thesis ([1] in the [bibliography](bibliography.md)). Its tables and figures are here in {count} rows.
-"As published" is the thesis's own method by structid. "Best" is what structid does where it is left to itself. A figure that is a
-sketch, a flow chart or a photograph (2.1, 3.1, 4.1 to 4.7, 4.12) has no row.
+structid began from an MSc thesis ([1] in the [bibliography](bibliography.md)), whose tables and figures are compared in {count}
+rows. "Published method" is the thesis's method, computed by structid. "Best method" is the one that structid offers instead.
+Sketches, flow charts and photographs (figures 2.1, 3.1, 4.1 to 4.7, 4.12) have no row.
 """
     return "\n".join([beginning, *(chapter.text() for chapter in chapters)])
 

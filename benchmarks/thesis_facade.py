@@ -1,4 +1,4 @@
-"""Chapters 4 and 5 of the thesis: the hybrid tests of a masonry façade, its box of parameters, and its NARX."""
+"""Chapters 4 and 5 of the thesis: the hybrid tests of a masonry façade, its prior range, and its NARX."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from structid.study.programmes.programme_file import programme_file
 from structid.surrogates.narx.structure.candidate_terms import prony_terms
 
 LIMIT, STANDS_UNTIL = 0.13, 2.36
-"""Runs that pass this drift [m] before this time [s] are left out of the NARX, as in the thesis."""
+"""Runs that exceed this drift [m] before this time [s] are omitted from the NARX, as in the thesis."""
 DESIGN = 200
-"""Runs of the thesis's experimental design."""
+"""Number of runs in the thesis's experimental design."""
 MILESTONES = (1.25, 1.45, 1.75, 2.2, 2.4)
-"""Of test #5 in the thesis [s]."""
+"""Milestones of test #5 in the thesis [s]."""
 JOINTS = dict(normal_energy=12.0, normal_strength=0.18e6, tangential_energy=130.0, tangential_strength=0.27e6)
-"""Mortar of the virtual specimen."""
+"""Mortar joints of the virtual specimen, in SI units."""
 
 BRICKS = np.array(
     [
@@ -52,13 +52,13 @@ MASONRY = np.array([[460.47, 5.20, 4.51], [421.89, 4.77, 4.01], [482.69, 5.45, 4
 
 
 def materials() -> list[Row]:
-    """Means of the material tests, by their single values."""
+    """Means of the material tests, computed from the single values."""
     force, strength = BRICKS.mean(axis=0)
     mortar = {name: np.array(values) for name, values in MORTAR.items()}
     dropped = {name: values[np.argsort(np.abs(values - values.mean()))[:-1]].mean() for name, values in mortar.items()}
     load, compressive, modulus = MASONRY.mean(axis=0)
     return [
-        Row("T 4.1", "a brick: sizes, densities", why="data of a producer: nothing to compute"),
+        Row("T 4.1", "sizes and densities of a brick", why="data of the manufacturer; nothing to compute"),
         Row(
             "T 4.2",
             "bricks in compression",
@@ -73,7 +73,7 @@ def materials() -> list[Row]:
             joined(["K 14.90 MPa", "S 2.77 MPa"]),
             joined([f"{name} {values.mean():.2f} MPa" for name, values in mortar.items()]),
             joined([f"{name} {value:.2f} MPa" for name, value in dropped.items()]),
-            "the printed means are those of five values of six, without the one that is farthest away",
+            "the printed means are over five of six values, without the most distant value",
         ),
         Row(
             "T 4.4, 4.5",
@@ -81,15 +81,15 @@ def materials() -> list[Row]:
             joined(["455.02 kN, 5.14 MPa", "E 4.21 GPa"]),
             joined([f"{load:.2f} kN, {compressive:.2f} MPa", f"E {modulus:.2f} GPa"]),
             "–",
-            "the modulus is the default of `Masonry`; table 4.5 prints it under MPa",
+            "the modulus is the default of `Masonry`; table 4.5 gives its unit as MPa",
         ),
     ]
 
 
 def tests(clock: Clock, folder: Path, quick: bool) -> list[Row]:
-    """The six tests on a virtual specimen, and its strains."""
+    """The six tests on a virtual specimen, and the strains of a wall."""
     content = tomllib.loads(template("hybrid_facade"))
-    del content["learning"]  # of which the thesis has nothing
+    del content["learning"]  # not part of the thesis
     if quick:
         content["test"] = content["test"][:1]
         content["record"]["trim"] = ["5 s", "6 s"]
@@ -124,43 +124,43 @@ def tests(clock: Clock, folder: Path, quick: bool) -> list[Row]:
             "six tests, #1a to #5",
             "PGA 0.45 to 6.36 m/s²; #5 diverges at 2.41 s",
             joined(f"#{name} {largest[name]:.2g} mm" for name in found),
-            f"{seconds:.0f} s in all",
-            "a virtual specimen of the same programme: that of the thesis is gone, and its forces are not to be had",
+            f"{seconds:.0f} s in total",
+            "a virtual specimen in the same programme; the thesis's specimen and its forces are not available",
         ),
         Row(
             "F 4.8",
-            "record and spectrum at 3 %",
+            "record, and spectrum at 3 % damping",
             "6.36 m/s²",
             f"{record.pga:.2f} m/s²; S_a(0.1 s) {spectrum.pseudo_acceleration[0]:.1f} m/s²",
             "–",
-            "El Centro; the picture has the spectrum at 5 %",
+            "El Centro; the picture shows the spectrum at 5 % damping",
         ),
         Row(
             "F 4.9, 4.10",
             "loops and displacements of the tests",
             published="see below",
-            why="of the virtual specimen; its damage stays from test to test",
+            why="virtual specimen, which keeps its damage from test to test",
         ),
         Row(
             "F 4.11",
-            "von Mises' strains at T1 to T5 of test #5",
+            "von Mises strains at T1 to T5 of test #5",
             "1.25, 1.45, 1.75, 2.2, 2.4 s",
             "see below",
             "–",
-            "the whole wall shaken, its strains as a camera sees them; the thesis's pictures are measured ones",
+            "computed for the whole wall, as a camera would see it; the thesis's pictures are measured",
         ),
     ]
 
 
 def hybrid_chapter(clock: Clock, quick: bool) -> Chapter:
-    """Everything of chapter 4.
+    """Return all rows and pictures of chapter 4.
 
     Parameters
     ----------
     clock : Clock
-        Says how long it takes.
+        Prints the time of each part.
     quick : bool
-        As short as it can be.
+        Whether the run is as short as possible.
 
     Returns
     -------
@@ -170,13 +170,13 @@ def hybrid_chapter(clock: Clock, quick: bool) -> Chapter:
     folder = figures_folder(quick)
     rows = [*materials(), *tests(clock, folder, quick)]
     drawn = (
-        ("record_of_the_wall", "F 4.8: the record of the wall and its spectrum."),
-        ("hybrid_loops", "F 4.9: force against displacement of the virtual specimen, test after test."),
-        ("hybrid_histories", "F 4.10: its displacements."),
-        ("strains", "F 4.11: von Mises' strain of a wall at the milestones of test #5."),
+        ("record_of_the_wall", "F 4.8: the record of the wall tests, and its spectrum."),
+        ("hybrid_loops", "F 4.9: force against displacement of the virtual specimen in each test."),
+        ("hybrid_histories", "F 4.10: displacements of the virtual specimen."),
+        ("strains", "F 4.11: von Mises strain of a wall at the milestones of test #5."),
     )
     words = (
-        "The tests were done in a laboratory, and their histories are not to be had. A virtual specimen goes through the same "
+        "The tests were done in a laboratory, and their histories are not available. A virtual specimen undergoes the same "
         "programme. Figures 4.1 to 4.7 and 4.12 are sketches and photographs."
     )
     return Chapter("Chapter 4: hybrid tests", words, tuple(rows), drawn)
@@ -186,7 +186,7 @@ def hybrid_chapter(clock: Clock, quick: bool) -> Chapter:
 
 
 def passages(clock: Clock, folder: Path, quick: bool) -> list[Row]:
-    """Figures 5.3 and 5.4: first passages over the box, and over its stronger part."""
+    """Figures 5.3 and 5.4: first passages over the prior range, and over its high-strength part."""
     space, record = si.ParameterSpace(**BOX), el_centro()
     runs = si.Campaign(wall("drift"), record, space.sample(64 if quick else 10_000, 1)).run()
     clock(f"{len(runs):,} walls")
@@ -204,16 +204,16 @@ def passages(clock: Clock, folder: Path, quick: bool) -> list[Row]:
     return [
         Row(
             "F 5.3",
-            f"instability over the box, {len(runs):,} runs",
+            f"instability over the prior range, {len(runs):,} runs",
             "87 % before 2.36 s",
-            f"{found.passed.mean():.1%} pass {1e3 * LIMIT:.0f} mm, {early:.1%} before 2.36 s",
+            f"{found.passed.mean():.1%} exceed {1e3 * LIMIT:.0f} mm, {early:.1%} before 2.36 s",
             f"none with τ_max above {strength.max() * 1e-6:.2f} MPa" if len(strength) else "none",
-            "the thesis's instability is that of its time integration, which does not converge; here every run does, and a "
-            "drift of 5 % of the height counts",
+            "in the thesis, runs are unstable if the time integration does not converge; structid's runs all converge, and are "
+            "unstable if the drift exceeds 5 % of the height",
         ),
         Row(
             "F 5.4",
-            "the same for σ_max > 1 MPa and τ_max > 1.5 MPa",
+            "instability for σ_max > 1 MPa and τ_max > 1.5 MPa",
             "none",
             f"{found.passed[inside].mean():.1%} of {inside.sum():,}",
             "–",
@@ -223,7 +223,7 @@ def passages(clock: Clock, folder: Path, quick: bool) -> list[Row]:
 
 
 def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
-    """Figures 5.5 to 5.10: one structure for all runs that stand, coefficients of each run by least squares."""
+    """Figures 5.5 to 5.10: one NARX structure for all stable runs, coefficients of each run by least squares."""
     design = si.ParameterSpace(**BOX, coordinates=COORDINATES).sample(30 if quick else 300, 1)
     shaken = wall(*MONITORED, "drift").simulate(design, el_centro())
     keep = np.flatnonzero(~(si.first_passage(shaken, "drift", LIMIT) < STANDS_UNTIL))[: 20 if quick else DESIGN]
@@ -249,7 +249,7 @@ def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
                 f"ε̄ {finite.mean():.2g}, median {np.median(found.overall):.2g}, {found.diverged} diverged, "
                 f"{len(fitted.terms)} terms",
                 joined(BEST[channel]),
-                "another record, and another criterion of what stands; ours have cross-channel terms and are trained on "
+                "another record and another criterion of stability; structid adds cross-channel terms and trains on "
                 "the free run",
             )
         )
@@ -257,22 +257,22 @@ def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
 
 
 BEST = {
-    "ux_top_left": ("9.1e-05 a run", "0.0012 over the box"),
-    "uy_top_left": ("0.0045 a run", "0.016 over the box"),
-    "uy_top_right": ("0.0098 a run", "0.028 over the box"),
+    "ux_top_left": ("single runs 9.1e-05", "prior range 0.0012"),
+    "uy_top_left": ("single runs 0.0045", "prior range 0.016"),
+    "uy_top_right": ("single runs 0.0098", "prior range 0.028"),
 }
-"""Means of runs by themselves and medians of one PC-NARX, from `benchmarks/facade_narx.py`, which takes 40 minutes."""
+"""Mean errors of single runs and median errors of one PC-NARX, from `benchmarks/facade_narx.py`, which takes 40 minutes."""
 
 
 def facade_chapter(clock: Clock, quick: bool) -> Chapter:
-    """Everything of chapter 5.
+    """Return all rows and pictures of chapter 5.
 
     Parameters
     ----------
     clock : Clock
-        Says how long it takes.
+        Prints the time of each part.
     quick : bool
-        As short as it can be.
+        Whether the run is as short as possible.
 
     Returns
     -------
@@ -285,15 +285,15 @@ def facade_chapter(clock: Clock, quick: bool) -> Chapter:
     model.plot_joint(middle, folder / "joint")
     model.plot(folder / "mesh")
     mesh = model.mesh
-    clock("law of the joints and mesh")
+    clock("constitutive law of the joints, and mesh")
     rows = [
         Row(
             "F 5.1",
             "traction and separation of a joint",
             "as McGarry et al. (2014)",
             "see below",
-            "works to 1e-8",
-            "the law in closed form; its works φ_n and φ_t are tested, the curves of that paper are not to be had",
+            "fracture energies to 1e-8",
+            "closed-form law; its fracture energies φ_n and φ_t are tested, the curves of the paper are not available",
         ),
         Row(
             "T 5.1",
@@ -309,7 +309,7 @@ def facade_chapter(clock: Clock, quick: bool) -> Chapter:
             "15 blocks, 34 joints, 7 bars, 120 dof",
             f"{len(mesh.blocks)} blocks, {len(mesh.joints)} joints, {len(mesh.bars)} bars, {len(mesh.free)} free dof",
             "–",
-            "the 120 count the supports",
+            "the 120 dof include the supports",
         ),
         *passages(clock, folder, quick),
         *narx(clock, folder, quick),
@@ -318,9 +318,9 @@ def facade_chapter(clock: Clock, quick: bool) -> Chapter:
         ("joint", "F 5.1: traction against opening and against slip."),
         ("mesh", "F 5.2: the mesh."),
         ("passages", "F 5.3: first passage of 130 mm against each parameter."),
-        ("passages_pairs", "F 5.3: over pairs of parameters."),
-        ("passages_strong", "F 5.4: the same for the stronger part of the box."),
+        ("passages_pairs", "F 5.3: first passage over pairs of parameters."),
+        ("passages_strong", "F 5.4: first passage for the high-strength part of the prior range."),
         *((f"facade_{c}", f"F 5.{5 + k}, 5.{8 + k}: NARX of {c} over its design.") for k, c in enumerate(MONITORED)),
     )
-    words = "El Centro at 6.36 m/s², 2.5 s in steps of 10 ms, integrated at 1 ms."
+    words = "El Centro with a PGA of 6.36 m/s²: 2.5 s sampled at 10 ms, integrated with a time step of 1 ms."
     return Chapter("Chapter 5: the façade", words, tuple(rows), drawn)

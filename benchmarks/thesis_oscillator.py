@@ -20,13 +20,13 @@ from structid.figures.response import bands
 from structid.surrogates.narx.structure.candidate_terms import absolute_terms
 
 THESIS_PGA = 3.59
-"""Of the thesis's record [m/s²]."""
+"""PGA of the thesis's record [m/s²]."""
 START = np.array([[5.0e6, 57.0, 0.0, 0.5]])
-"""The one start of its deterministic searches: k_i, β, γ, α."""
+"""Starting point of the thesis's deterministic searches: k_i, β, γ, α."""
 PUBLISHED = si.AIES(
     walkers=100, steps=700, ensembles=1, discard=0.5, differential_evolution=0.0, start_candidates=1, settling_steps=0
 )
-"""Its sampler: one ensemble from draws of the prior, stretch moves alone, 70 000 runs, the first half left out."""
+"""The thesis's sampler: one ensemble from draws of the prior, only stretch moves, 70 000 runs, first half discarded."""
 CONVERGED = si.AIES(
     walkers=32,
     ensembles=4,
@@ -37,11 +37,11 @@ CONVERGED = si.AIES(
     settling_steps=500,
 )
 SEVERAL_MODES = si.SMC(particles=1000)
-"""For posteriors of several modes, in which an ensemble does not converge."""
+"""Sampler for posteriors with several modes, for which an ensemble does not converge."""
 PARAMETERS = ("stiffness", "beta", "gamma_ratio", "alpha", "sigma2")
 SYMBOLS = ("k_i", "β", "γ*", "α", "σ²")
 SCALES = (1e-6, 1.0, 1.0, 1.0, 1e4)
-"""From SI to what the thesis prints: kN/mm, 10⁻³/mm, –, –, 10⁻⁴ (m/s)²."""
+"""Factors from SI to the thesis's units: kN/mm, 10⁻³/mm, –, –, 10⁻⁴ (m/s)²."""
 
 
 def degrading(record: si.GroundMotion, *channels: str) -> np.ndarray:
@@ -50,11 +50,11 @@ def degrading(record: si.GroundMotion, *channels: str) -> np.ndarray:
 
 
 def calibrated(space: si.ParameterSpace) -> si.BoucWen:
-    """The model that is calibrated: the same without degradation."""
+    """The calibrated model, an oscillator without degradation."""
     return si.BoucWen(mass=common.MASS, damping_ratio=common.DAMPING_RATIO, free=space.names, substeps=1)
 
 
-# --- the experiment, and what is known before ---------------------------------------------------------------------
+# --- experiment and prior information -----------------------------------------------------------------------------
 
 
 def linear_limit(folder: Path) -> Row:
@@ -64,11 +64,11 @@ def linear_limit(folder: Path) -> Row:
     difference = example.main(folder / "linear_limit")
     return Row(
         "F 3.3",
-        "linear limit against Duhamel's integral",
+        "linear limit compared with Duhamel's integral",
         "“yes”, to 2 mm",
         "–",
         f"{difference:.1e} of the norm",
-        "the thesis compares peaks; here the whole history",
+        "the thesis compares peaks; structid compares the whole history",
     )
 
 
@@ -77,7 +77,7 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
     lines.plot(folder / "loop")
     low, high = (end * 1e-6 for end in lines.initial_interval)
     first, last = lines.alpha_interval
-    held = ["holds" if low < 7.6 < high else "misses", "holds" if first < common.ALPHA < last else "misses"]
+    held = ["contains" if low < 7.6 < high else "misses", "contains" if first < common.ALPHA < last else "misses"]
     return Row(
         "F 3.7",
         "two lines through the measured loop",
@@ -89,8 +89,8 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
                 f"α {first:.3f} to {last:.3f}, {held[1]} the true 0.05",
             ]
         ),
-        "another record; slopes of a smooth loop depend on the range of the lines. On twelve records and two strengths 80 of 92 "
-        "intervals hold α",
+        "another record; the slopes of a smooth loop depend on the range of the lines. For twelve records at two PGAs, 80 of 92 "
+        "intervals contain α",
     )
 
 
@@ -98,7 +98,7 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
 
 
 def searches(record: si.GroundMotion, starts: int) -> Row:
-    """Table 3.3: both methods from the thesis's start, and from several."""
+    """Table 3.3: both methods from the thesis's starting point, and from several starting points."""
     space = si.ParameterSpace(
         stiffness=si.Uniform(4.27, 11.85, unit="kN/mm"),
         beta=si.Uniform(55.0, 65.0, unit="1/m"),
@@ -127,8 +127,8 @@ def searches(record: si.GroundMotion, starts: int) -> Row:
         "identified parameters, no degradation in the model",
         joined(["pattern: k_i 4, β 65, γ −23, α 0", "interior point: k_i 5.00, β 57, γ 0, α 0.5"]),
         joined(one),
-        joined([*many, f"the two best differ by {apart:.0e} of the ranges"]),
-        "the printed interior point is its starting point: that search has not moved. There is one best minimum; print has two",
+        joined([*many, f"both minima differ by {apart:.0e} of the ranges"]),
+        "the printed interior-point result is the starting point, so this search did not move. There is one best minimum, not two",
     )
 
 
@@ -137,14 +137,14 @@ def searches(record: si.GroundMotion, starts: int) -> Row:
 
 @dataclass(frozen=True)
 class Sampled:
-    """One posterior and what it took."""
+    """A sampled posterior, and the time of sampling."""
 
     result: si.SamplingResult
     seconds: float
 
     @property
     def moments(self) -> list[str]:
-        """Mean ± sd of every parameter as the thesis prints them."""
+        """Mean ± sd of every parameter in the thesis's units."""
         return [
             f"{symbol} {interval(self.result.mean[i] * scale, self.result.sd[i] * scale)}"
             for symbol, scale, i in zip(SYMBOLS, SCALES, self._columns, strict=True)
@@ -152,7 +152,7 @@ class Sampled:
 
     @property
     def quantiles(self) -> list[str]:
-        """5 to 95 %, and the MAP estimate."""
+        """5 and 95 % quantiles of every parameter, and the MAP estimate."""
         low, high = self.result.quantile(np.array([0.05, 0.95]))
         return [
             f"{symbol} {low[i] * s:.4g} to {high[i] * s:.4g}, MAP {self.result.map_estimate[i] * s:.4g}"
@@ -165,18 +165,18 @@ class Sampled:
 
     @property
     def convergence(self) -> str:
-        """Kept steps over the longest autocorrelation time, and the verdict."""
+        """Kept steps divided by the longest autocorrelation time, and the verdict."""
         tau = float(np.max(self.result.summary().columns["tau"]))
-        return f"{len(self.result.kept) / tau:.0f} autocorrelation times kept, {self.verdict}"
+        return f"length {len(self.result.kept) / tau:.0f} × autocorrelation time, {self.verdict}"
 
     @property
     def verdict(self) -> str:
-        """Whether it has converged."""
+        """Whether the sampler has converged."""
         return "converged" if self.result.verdict().converged else "not converged"
 
     @property
     def stuck(self) -> int:
-        """Walkers whose mean stiffness lies beyond five sds of the others' median."""
+        """Number of walkers whose mean stiffness is more than five standard deviations from the median."""
         means = self.result.kept[..., 0].mean(axis=0).ravel()
         spread = 1.4826 * np.median(np.abs(means - np.median(means)))
         return int(np.sum(np.abs(means - np.median(means)) > 5.0 * max(spread, 1e-9 * means.mean())))
@@ -190,7 +190,7 @@ def sampled(model: Any, space: si.ParameterSpace, measured: si.Observation, samp
 
 
 def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool) -> list[Row]:
-    """Tables 3.5 to 3.7: the model itself, PC-NARX and Kriging-NARX, as published and as well as we can."""
+    """Tables 3.5 to 3.7: the model itself, PC-NARX and Kriging-NARX, by the published and by the best method."""
     space = common.study_space()
     model = calibrated(space)
     measured = si.Observation(record, degrading(record, "velocity"))
@@ -233,19 +233,19 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
         ),
     }
     why = {
-        "the model": "another record, and in 700 steps some walkers of one ensemble are still stuck where they began, which "
-        "widens the posterior. The printed sd of γ* (0.25) does not belong to its quantiles (−0.42 to −0.34)",
-        "PC-NARX": "4001 samples make the posterior narrow, 0.2 % in k_i, so that an error of 0.8 % of the response moves it; "
-        "polynomials of high degree ripple, and the chains find several modes, as the thesis sees",
-        "Kriging-NARX": "an error of 0.5 % of the response, smooth in the parameters: one mode, several of its sds beside that of "
-        "the model",
+        "the model": "another record; after 700 steps some walkers of the ensemble have not left their start, which widens the "
+        "posterior. The printed sd of γ* (0.25) is inconsistent with its quantiles (−0.42 to −0.34)",
+        "PC-NARX": "4001 samples make the posterior narrow (0.2 % in k_i), so that a response error of 0.8 % shifts it. "
+        "Polynomials of high degree oscillate, and the chains find several modes, as in the thesis",
+        "Kriging-NARX": "the response error of 0.5 % is smooth in the parameters: the posterior has one mode, several sds away "
+        "from the mode of the model",
     }
     rows = []
     for name, (as_published, as_we_can) in models.items():
         place, *moments, hours = printed[name]
         fitted, better = as_published(), as_we_can()
         ways = {"published": (fitted, published), "best": (better, best)}
-        if fitted is not better:  # what of the difference is the metamodel's, and what the sampler's
+        if fitted is not better:  # separates the error of the metamodel from the error of the sampler
             ways["published, by SMC"] = fitted, si.SMC(particles=40, steps=3) if quick else SEVERAL_MODES
         found = {way: sampled(of, space, measured, sampler, 1) for way, (of, sampler) in ways.items()}
         for way, of in found.items():
@@ -271,7 +271,7 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
             rows.append(
                 Row(
                     "T 3.5",
-                    "its quantiles and MAP estimates",
+                    "5 and 95 % quantiles, and MAP estimates, of this posterior",
                     joined(
                         [
                             "k_i 4.4 to 4.5, MAP 4.4",
@@ -283,19 +283,19 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
                     ),
                     joined(one.quantiles),
                     joined(other.quantiles),
-                    "as above",
+                    "see the row above",
                 )
             )
     return rows
 
 
 def small(sampler: Any) -> Any:
-    """The same, as short as it can be."""
+    """Return the sampler with as few walkers and steps as possible."""
     return replace(sampler, walkers=20, steps=40, settling_steps=0, start_candidates=1)
 
 
 def pictures(of: Sampled, name: str, folder: Path) -> None:
-    """Traces, marginals and pairs, and the response at the MAP estimate with its band."""
+    """Draw traces, marginals and pairs, and the response at the MAP estimate with its band."""
     key = name.lower().replace(" ", "_").replace("-", "_")
     result, factors = of.result, of.result.target.factors
     names, units = result.names, list(result.target.units.values())
@@ -325,7 +325,7 @@ def pictures(of: Sampled, name: str, folder: Path) -> None:
 
 
 def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool) -> list[Row]:
-    """Figures 3.12 to 3.16: NARX as published, and as we fit it."""
+    """Figures 3.12 to 3.16: NARX by the published method, and by the method of structid."""
     space = common.study_space()
     model = calibrated(space)
     runs = si.Campaign(model, record, space.sample(60 if quick else 1000, 1)).run()
@@ -353,11 +353,11 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
     rows.append(
         Row(
             "F 3.12, 3.13",
-            "NARX by itself: free run over the design of 1000, coefficients of each run by least squares",
+            "NARX alone: free runs over the design of 1000, coefficients of each run by least squares",
             "ε̄ 7.74e-3, 10 terms",
             joined([f"ε̄ {own.mean:.2e}, {len(pc.terms)} terms", f"ε̄ {of_more.mean:.2e}, {len(more.terms)} terms"]),
             f"ε̄ {best.mean:.1e}",
-            "ours have terms of a hysteretic memory, and are refined on the free run itself",
+            "structid uses terms with a hysteretic memory, and refines coefficients on the free run",
         )
     )
     loo = {most: found["PCNARX", most][0].coefficients.deviation.leave_one_out_error for most in (10, 15)}
@@ -376,7 +376,7 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
                 ]
             ),
             "–",
-            "ours are trained together: none is interpolated by itself",
+            "structid trains all coefficients together, and interpolates none separately",
         )
     )
 
@@ -389,25 +389,25 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
     rows.append(
         Row(
             "F 3.15, 3.16",
-            f"mean error over {len(unseen):,} unseen runs",
+            f"mean error over {len(unseen):,} validation runs",
             joined(["PC 9.66e-3", "Kriging 9.00e-3"]),
             joined(told(name, most) for most in (10, 15) for name in ("PCNARX", "KrigingNARX")),
             joined([f"PC {ours['PCNARX'].validation.mean:.1e}", f"Kriging {ours['KrigingNARX'].validation.mean:.1e}"]),
-            "as published the error is that of the terms; ours are trained on the free run, with a hysteretic memory",
+            "the published error comes from the terms; structid trains on the free run, with a hysteretic memory",
         )
     )
     return rows
 
 
 def chapter(clock: Clock, quick: bool) -> Chapter:
-    """Everything of chapter 3.
+    """Return all rows and pictures of chapter 3.
 
     Parameters
     ----------
     clock : Clock
-        Says how long it takes.
+        Prints the time of each part.
     quick : bool
-        As short as it can be.
+        Whether the run is as short as possible.
 
     Returns
     -------
@@ -432,9 +432,9 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
             "f ≈ 4 Hz",
             f"f {frequency:.3f} Hz",
             "–",
-            "the same numbers; δ_ν is 2.43 in print and 2.3 in the thesis's code",
+            "same numbers; δ_ν is 2.43 in the thesis and 2.3 in its code",
         ),
-        Row("F 3.2", "the record", "PGA 3.59 m/s²", f"PGA {strong.pga:.2f} m/s²", "–", "El Centro stands in for it"),
+        Row("F 3.2", "the record", "PGA 3.59 m/s²", f"PGA {strong.pga:.2f} m/s²", "–", "El Centro replaces it"),
         linear_limit(folder),
         Row("T 3.2", "ranges of the searches", "k_i 4.27 to 11.85, β 55 to 65, |γ| ≤ β, α 0 to 1", "the same", "–", ""),
     ]
@@ -447,40 +447,40 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
             loop(strong, folder),
             Row(
                 "T 3.4, F 3.8",
-                "priors, and samples of them",
+                "priors, and their samples",
                 "sd of k_i 0.1 kN/mm",
                 "sd of k_i 0.742 kN/mm",
                 "–",
-                "the printed sd would put the printed posterior 29 sds away: it is a coefficient of variation",
+                "the value is a coefficient of variation; as an sd, it would place the printed posterior 29 sds away",
             ),
         ]
         rows += metamodels(strong, clock, folder, quick)
         rows += posteriors(study, clock, folder, quick)
     words = (
-        "El Centro 1940 stands in for the thesis's record, Montenegro 1979, which is not to be had. It is filtered as there and "
-        "scaled to its 3.59 m/s². At that strength El Centro damages the experiment so far that the model without degradation "
-        "explains a quarter of it; posteriors are therefore at 1.8 m/s², where the fit is as good as the thesis's. "
-        "The searches and posteriors have the exact response, as in the thesis."
+        "El Centro 1940 replaces the thesis's record, Montenegro 1979, which is not available. It has the same filter and the "
+        "same PGA of 3.59 m/s². At this PGA, El Centro damages the experiment so much that the model without degradation "
+        "explains a quarter of its response. Posteriors are therefore at 1.8 m/s², where the fit is as good as in the thesis. "
+        "The data of searches and posteriors are the exact response, as in the thesis."
     )
     drawn = (
-        ("record", "F 3.2: the record that stands in, and its spectrum."),
-        ("filter", "The same before and after its filter at 20 Hz."),
-        ("linear_limit", "F 3.3: the linear limit against Duhamel's integral."),
+        ("record", "F 3.2: the substitute record and its spectrum."),
+        ("filter", "The record of F 3.2 before and after its filter at 20 Hz."),
+        ("linear_limit", "F 3.3: the linear limit compared with Duhamel's integral."),
         ("experiment", "F 3.4: the simulated experiment."),
-        ("loop", "F 3.7: two lines through its loop."),
+        ("loop", "F 3.7: two lines through the loop of the experiment."),
         ("prior", "F 3.8: samples of the priors, by Latin hypercube."),
-        ("narx_over_the_design", "F 3.12, 3.13: NARX as published, free run over its own design."),
-        ("coefficients", "F 3.14: coefficients of PC-NARX as published against those of each run."),
-        ("pc_narx", "F 3.15, 3.16: PC-NARX as published on unseen runs."),
-        ("pc_narx_best", "The same, PC-NARX as it comes."),
+        ("narx_over_the_design", "F 3.12, 3.13: NARX by the published method, free runs over its design."),
+        ("coefficients", "F 3.14: coefficients of PC-NARX by the published method against coefficients of each run."),
+        ("pc_narx", "F 3.15, 3.16: PC-NARX by the published method on validation runs."),
+        ("pc_narx_best", "PC-NARX with default settings on validation runs."),
         ("traces_the_model", "F 3.9: traces of the model's posterior, converged."),
-        ("pairs_the_model", "F 3.10: that posterior."),
-        ("response_the_model", "F 3.11: the response at its MAP estimate, with its band."),
-        ("traces_pc_narx", "F 3.17: traces under PC-NARX as published."),
-        ("pairs_pc_narx", "F 3.18: that posterior."),
-        ("response_pc_narx", "F 3.19: its response."),
-        ("traces_kriging_narx", "F 3.20: traces under Kriging-NARX as published."),
-        ("pairs_kriging_narx", "F 3.21: that posterior."),
-        ("response_kriging_narx", "F 3.22: its response."),
+        ("pairs_the_model", "F 3.10: the model's posterior."),
+        ("response_the_model", "F 3.11: the response at the MAP estimate, with its band."),
+        ("traces_pc_narx", "F 3.17: traces under PC-NARX by the published method."),
+        ("pairs_pc_narx", "F 3.18: the posterior under PC-NARX."),
+        ("response_pc_narx", "F 3.19: the response of PC-NARX."),
+        ("traces_kriging_narx", "F 3.20: traces under Kriging-NARX by the published method."),
+        ("pairs_kriging_narx", "F 3.21: the posterior under Kriging-NARX."),
+        ("response_kriging_narx", "F 3.22: the response of Kriging-NARX."),
     )
     return Chapter("Chapter 3: the hysteretic oscillator", words, tuple(rows), drawn)

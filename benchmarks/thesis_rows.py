@@ -1,4 +1,4 @@
-"""What the pages of the thesis share: one row for each of its tables and figures, and how rows become markdown."""
+"""Rows for the tables and figures of the thesis, and their conversion to markdown."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ import structid as si
 
 @dataclass(frozen=True)
 class Row:
-    """A table or a figure of the thesis beside ours.
+    """A table or figure of the thesis, compared with structid.
 
     Parameters
     ----------
     place : str
         Its number, such as ``"T 3.3"`` or ``"F 3.12"``.
     shows : str
-        What it is.
+        Content of the table or figure.
     printed : str
-        The thesis's numbers.
+        Numbers printed in the thesis.
     published : str
-        Ours by the method as published.
+        Numbers of structid by the published method.
     best : str
-        Ours by the best method that we have.
+        Numbers of structid by its best method.
     why : str
-        Why they differ.
+        Reason for the difference.
     """
 
     place: str
@@ -40,7 +40,7 @@ class Row:
     why: str = ""
 
 
-HEADS = ("", "what it shows", "printed", "as published, with structid", "best, with structid", "why they differ")
+HEADS = ("place", "content", "printed in the thesis", "structid, published method", "structid, best method", "remark")
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class Chapter:
     Parameters
     ----------
     title : str
-        Its heading.
+        Heading of the chapter.
     words : str
-        What holds for all of its rows.
+        Remarks on all rows.
     rows : tuple of Row
         In the order of the thesis.
     pictures : tuple of (str, str)
-        Names of files without ending, and captions.
+        File names without extension, and captions.
     """
 
     title: str
@@ -75,13 +75,13 @@ class Chapter:
 
 
 class Clock:
-    """Says how long each part takes, and in all."""
+    """Prints the time of each part, and measures the total time."""
 
     def __init__(self) -> None:
         self.began = self.last = time.perf_counter()
 
     def __call__(self, what: str) -> float:
-        """Print a part's seconds, and give them."""
+        """Print and return the seconds of a part."""
         now = time.perf_counter()
         seconds, self.last = now - self.last, now
         print(f"{seconds:7.1f} s  {what}", flush=True)
@@ -89,29 +89,29 @@ class Clock:
 
 
 def el_centro(pga: float, duration: float = 40.0) -> si.GroundMotion:
-    """El Centro 1940 in place of the thesis's record, which is not to be had: filtered at 20 Hz, scaled [m/s²]."""
+    """El Centro 1940, filtered at 20 Hz and scaled [m/s²]; it replaces the thesis's record, which is not available."""
     return si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0, order=4).trim(0.0, duration).scale_to_pga(pga)
 
 
 def interval(mean: float, sd: float) -> str:
-    """Mean ± sd, with two digits of the sd."""
+    """Format mean ± sd with two digits of the sd."""
     digits = max(0, 1 - int(f"{sd:e}".split("e")[1])) if sd > 0 else 3
     return f"{mean:.{digits}f} ± {sd:.{digits}f}"
 
 
 def joined(parts: Iterable[str]) -> str:
-    """Cells of several numbers: one a line."""
+    """Join the numbers of a cell, one per line."""
     return "<br>".join(parts)
 
 
 def without_vectors(folder: Path) -> None:
-    """Leave the pictures alone: a page shows PNG."""
+    """Delete the PDF files, since the page shows PNG."""
     for file in folder.glob("*.pdf"):
         file.unlink()
 
 
 def figures_folder(quick: bool) -> Path:
-    """Where pictures go."""
+    """Return the folder of the pictures."""
     folder = common.documents(quick) / "figures" / "thesis"
     folder.mkdir(parents=True, exist_ok=True)
     return folder

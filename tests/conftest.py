@@ -14,6 +14,7 @@ import pytest
 import plain_code
 import shape_checks
 import structid as si
+from memory import Memory
 from oscillators import DEGRADING
 from pictures import Pictures
 
@@ -38,6 +39,18 @@ def pictures():
     """Figures are composed in every test, and made into pictures only in those marked `rendered`."""
     with pytest.MonkeyPatch.context() as patch:
         yield Pictures(patch)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def memory():
+    """A worker that has compiled hundreds of programs would hold gigabytes."""
+    return Memory()
+
+
+@pytest.fixture(autouse=True)
+def _gives_memory_back(memory: Memory):
+    yield
+    memory.give_back()
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ import pydantic
 from page_file import write_page_file
 from pydantic_core import PydanticUndefined
 
-from structid.core.keys import Section
+from structid.core.keys import FileTable
 from structid.study.programmes.programme_file import programme_file
 from structid.study.schema.problems import _tables
 from structid.study.study_reader import study_file
@@ -94,7 +94,7 @@ def _read(path: Path) -> Example:
     return Example(path.stem.split("_", 1)[1], first.removeprefix("# "), head, "\n".join(lines), said, values)
 
 
-def tables(file: type[Section]) -> dict[tuple[str, str], type[Section]]:
+def tables(file: type[FileTable]) -> dict[tuple[str, str], type[FileTable]]:
     """Every table of a kind of file, by its head and, where it has several forms, its ``type``.
 
     Parameters
@@ -107,13 +107,13 @@ def tables(file: type[Section]) -> dict[tuple[str, str], type[Section]]:
     dict of tuple to type
         Tables that stand at several places are there at the first.
     """
-    found: dict[tuple[str, str], type[Section]] = {("", ""): file}
+    found: dict[tuple[str, str], type[FileTable]] = {("", ""): file}
     for head, form, section in _below(file, ""):
         found.setdefault((head, form), section)
     return found
 
 
-def _below(section: type[Section], head: str) -> Iterator[tuple[str, str, type[Section]]]:
+def _below(section: type[FileTable], head: str) -> Iterator[tuple[str, str, type[FileTable]]]:
     for name, field in section.model_fields.items():
         for table in _tables(field.annotation):
             form = _form(table)
@@ -122,7 +122,7 @@ def _below(section: type[Section], head: str) -> Iterator[tuple[str, str, type[S
             yield from _below(table, place)
 
 
-def _form(table: type[Section]) -> str:
+def _form(table: type[FileTable]) -> str:
     tag = table.model_fields.get("type")
     options = get_args(tag.annotation) if tag is not None else ()
     return str(options[0]) if len(options) == 1 else ""
@@ -166,13 +166,13 @@ def problems(keys: Path) -> list[str]:
     return found
 
 
-def _section(schema: dict[tuple[str, str], type[Section]], example: Example) -> type[Section] | None:
+def _section(schema: dict[tuple[str, str], type[FileTable]], example: Example) -> type[FileTable] | None:
     form = str(example.values.get("type", ""))
     head = "parameters" if example.head.startswith("parameters.") else example.head
     return schema.get((head, form), schema.get((head, "")))
 
 
-def _judged(name: str, section: type[Section], key: str, value: Any) -> list[str]:
+def _judged(name: str, section: type[FileTable], key: str, value: Any) -> list[str]:
     field = section.model_fields.get(key)
     if field is None:
         return [f"{name}: the schema does not know {key}"]
@@ -223,7 +223,7 @@ def _parts(folder: Path) -> Iterator[str]:
             yield f"{_defaults(section, example)}\n\n"
 
 
-def _defaults(section: type[Section], example: Example) -> str:
+def _defaults(section: type[FileTable], example: Example) -> str:
     """Which keys of a table must be there, and the defaults of the others, in a line."""
     needed, left_out = [], []
     for key in example.said:
@@ -241,4 +241,4 @@ def _in_words(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, (tuple, list)):
         return ", ".join(map(_in_words, value))
-    return f"{value:g}" if isinstance(value, float) else "as a table" if isinstance(value, Section) else str(value)
+    return f"{value:g}" if isinstance(value, float) else "as a table" if isinstance(value, FileTable) else str(value)

@@ -1,7 +1,7 @@
 """Bayesian structural identification: from a measured response history to a posterior one can trust.
 
-The names below are the public ones. They are loaded when they are first used, so that the command line answers at once. Editors and
-type checkers read them from ``__init__.pyi``.
+The names below are public. A name is loaded at its first use, so that the command line starts quickly. Editors and type checkers
+read the names from ``__init__.pyi``.
 """
 
 from __future__ import annotations
@@ -119,10 +119,10 @@ _PUBLIC = {
     "sensitivity": "reliability.sensitivity",
     "write_report": "report.from_python",
 }
-"""Public names, and the modules they live in."""
+"""Public names and their modules."""
 
 _RENAMED = {"choose_law": "choose_error_model"}
-"""Earlier public names, for one version."""
+"""Earlier public names, kept for one version."""
 
 _MODULES = ("optimize",)
 """Public modules."""

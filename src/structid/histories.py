@@ -27,21 +27,21 @@ class Histories:
     Parameters
     ----------
     values : ndarray, shape (run, time, channel)
-        In SI. After a failure a run's values are NaN.
+        Responses in SI; NaN after the failure of a run.
     dt : float
         Time step [s].
     channels : sequence of str
         Names of the channels.
     status : ndarray of int, shape (run,), optional
-        A `Status` per run; all done when left out.
+        `Status` of each run; by default all runs are done.
     failure_time : ndarray, shape (run,), optional
-        Time at which a run failed [s], NaN where it did not.
+        Time at which a run failed [s]; NaN for a run without failure.
     excitation : str, optional
         Name of the record.
     reasons : sequence of str, optional
-        Why each run failed, empty where it did not.
+        Reason why each run failed; empty for a run without failure.
     units : dict of str to ChannelUnit, optional
-        Units of the channels; those of the standard names when left out.
+        Units of the channels; by default the units of the standard channel names.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class Histories:
 
     @property
     def done(self) -> np.ndarray:
-        """Which runs reached the end, shape (run,)."""
+        """Mask of the runs that reached the end, shape (run,)."""
         return np.asarray(self.status == Status.DONE)
 
     def channel(self, name: str) -> np.ndarray:
@@ -125,7 +125,7 @@ class Histories:
         path : path-like
             The file.
         run : int
-            Which run.
+            Index of the run.
         display : bool
             Write display units (mm, kN) instead of SI.
 
@@ -148,7 +148,7 @@ class Histories:
         return Path(path)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Give the histories as an xarray Dataset with dimensions run, time, channel.
+        """Return the histories as an xarray Dataset with dimensions run, time, channel.
 
         Returns
         -------
@@ -174,9 +174,9 @@ class Histories:
         Parameters
         ----------
         run : int
-            Which run.
+            Index of the run.
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Measured responses: the excitation, the values, the instrument's nuisance parameters."""
+"""Measured responses: excitation, values, and nuisance parameters of the instrument."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from structid.probability.truncation import Marginal
 NUISANCES = ("gain", "offset", "time_shift")
 """Nuisance parameters of an instrument."""
 KNOWN_NUISANCES = {
-    "gain": "A known gain is divided out of the values: -values, where a sensor points the other way.",
-    "offset": "A known offset is subtracted from the values.",
-    "time_shift": "A known shift is given to Observation.read, which moves the values.",
+    "gain": "Divide the values by a known gain; use -values if a sensor points in the opposite direction.",
+    "offset": "Subtract a known offset from the values.",
+    "time_shift": "Give a known shift to Observation.read, which shifts the values in time.",
 }
-"""What to do where a nuisance parameter is known."""
+"""Remedy if a nuisance parameter is known."""
 
 
 SAME_STEP = 1e-6
@@ -40,37 +40,37 @@ ROUNDED = 5e-4
 @check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation:
-    """A measured response: what drove the structure, and what was recorded.
+    """A measured response and the excitation that caused it.
 
-    The measurement is taken to be gain · M(θ)(t − time_shift) + offset + ε. Each nuisance is left out (1, 0, 0) unless it is given
-    a prior.
+    The model of the measurement is gain · M(θ)(t − time_shift) + offset + ε. A nuisance parameter without a prior has a fixed
+    value (1, 0, 0).
 
     Parameters
     ----------
     record : Excitation
-        What drove it.
+        Excitation of the structure.
     values : array-like, shape (time,) or (time, channel)
-        The measurement in SI, at the record's samples.
+        The measurement in SI, at the samples of the record.
     channels : sequence of str
-        What was measured.
+        Names of the measured channels.
     dt : float, optional
-        Its time step [s], to be checked against the record's.
+        Time step of the measurement [s]; it must equal the time step of the record.
     name : str
         Name of the observation.
     gain, offset, time_shift : Marginal, optional
-        Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
+        Priors of the nuisance parameters: a pure number, the channel's unit, seconds. Each channel has its own gain and offset.
     units : mapping of str to str, optional
-        Units in which tables and figures show channels whose names are not standard ones.
+        Display units of channels with non-standard names.
     sd : array-like, shape (time,) or (time, channel), or float, optional
-        Known standard deviation of every value's error in SI, such as an envelope. The error model is then that of ε/sd: with
-        ``IID(variance=1.0)`` they are taken as they are, and otherwise its variance, a pure number, multiplies their squares.
+        Known standard deviation of the error of every value in SI, such as an envelope. The error model then describes ε/sd.
+        ``IID(variance=1.0)`` uses `sd` unchanged; any other variance is a pure number that multiplies sd².
     clock : float
-        What has been taken off the instrument's clock already [s]; the rest of `time_shift` is still in the values.
+        Time already subtracted from the instrument's times [s]; the values still contain the remainder of `time_shift`.
 
     Raises
     ------
     InputError
-        If length or step differ from the record's, or a value is not finite.
+        If the length or time step differs from the record, or a value is not finite.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class Observation:
             )
         channels = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
         if not channels:
-            raise InputError(f"{where}: channels", "none", "one or more, such as 'velocity'")
+            raise InputError(f"{where}: channels", "no channels", "one or more channels, such as 'velocity'")
         for channel in channels:
             check_name(f"{where}: channels", channel)
         if len(set(channels)) < len(channels):
@@ -122,7 +122,7 @@ class Observation:
                 f"{where}: channels",
                 f"{', '.join(channels)}",
                 "each channel once",
-                "Two instruments that measured the same are two observations on one record.",
+                "For two instruments on one channel, give two observations on the same record.",
             )
         values = np.array(self.values, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
@@ -135,16 +135,16 @@ class Observation:
         if len(values) != len(self.record):
             raise InputError(
                 where,
-                f"{len(values)} samples, and the record has {len(self.record)}",
+                f"{len(values)} samples, but the record has {len(self.record)}",
                 "as many samples as the record",
                 self._cure(len(values)),
             )
         if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > SAME_STEP:
             raise InputError(
                 where,
-                f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s",
-                "the record's time step",
-                "Resample the one to the other.",
+                f"a time step of {self.dt:g} s, but the record has {self.record.dt:g} s",
+                "the time step of the record",
+                "Resample the record or the measurement.",
             )
         if not np.isfinite(values).all():
             raise InputError(
@@ -175,20 +175,20 @@ class Observation:
         return f"<{self}>"
 
     def _cure(self, samples: int) -> str:
-        """Advice where measurement and record differ in length."""
+        """Advice if measurement and record differ in length."""
         record = self.record
         if self.dt is not None and abs(self.dt / record.dt - 1.0) > SAME_STEP:
             return (
-                f"It was measured every {self.dt:g} s, and the record has a value every {record.dt:g} s: bring the record to its "
-                f'step by resample = "{self.dt:g} s" in [record], or record.resample({self.dt:g}).'
+                f"The measurement has a time step of {self.dt:g} s, the record {record.dt:g} s. Resample the record: "
+                f'resample = "{self.dt:g} s" in [record], or record.resample({self.dt:g}).'
             )
         longer = (samples - len(record)) * record.dt
         if longer > 0.0:
             return (
-                f"It is {longer:.6g} s longer than the record. If its clock began before the record does, say by how much: "
-                "time_shift; what is left over at its end is cut."
+                f"The measurement is {longer:.6g} s longer than the record. If it starts before the record, give the difference as "
+                "time_shift; structid then cuts the surplus at the end."
             )
-        return f"It is {-longer:.6g} s shorter than the record. End the record with it: trim."
+        return f"The measurement is {-longer:.6g} s shorter than the record. Trim the record to the same end."
 
     @classmethod
     def read(
@@ -209,20 +209,20 @@ class Observation:
         Parameters
         ----------
         record : Excitation
-            What drove the structure.
+            Excitation of the structure.
         path : path-like
-            Text or CSV with a time and a value column, or values alone with `dt`.
+            Text or CSV file with a time and a value column, or with values only if `dt` is given.
         unit : str
             Unit of the values.
         channel : str
-            What was measured.
+            Name of the measured channel.
         column : int, optional
             Column of the values, counted from 0.
         dt : float, optional
-            Time step [s] of a file without times.
+            Time step [s] of a file without a time column.
         time_shift : Marginal or float, optional
-            When the record begins by the clock of the file [s], or its prior. The history is moved by it, or by the prior's median,
-            and cut to the record; between samples it is interpolated by cubic splines.
+            Time in the file at which the record begins [s], or its prior. The history is shifted by this time, or by the prior's
+            median, and cut to the record. Cubic splines interpolate between samples.
         sd : float, optional
             Known standard deviation of the errors in SI.
         sd_column : int, optional
@@ -246,15 +246,15 @@ class Observation:
         prior = time_shift if isinstance(time_shift, Marginal) else None
         known_shift = time_shift if isinstance(time_shift, (int, float)) else None
         if prior is not None and not (abs(start) <= 0.5 * step and len(values) == len(record)):
-            known_shift = float(prior.quantile(np.array([0.5]))[0])  # the rest is inferred
+            known_shift = float(prior.quantile(np.array([0.5]))[0])  # the remaining shift is inferred
         if known_shift is not None:
             values = _on_the_clock_of(record, start - known_shift, step, values, str(path))
         elif abs(start) > 0.5 * step:
             raise InputError(
                 f"{path}",
                 f"the first time is {start:g} s",
-                "times that start at 0 s, like the record",
-                f"If the record begins when this clock shows {start:g} s, say time_shift = {start:g} (in a study file "
+                "times that start at 0 s, as in the record",
+                f"If the record begins at {start:g} s in this file, set time_shift = {start:g} (in a study file "
                 f'"{start:g} s").',
             )
         units = {} if standard_unit(channel).si else {channel: unit}
@@ -266,7 +266,7 @@ class Observation:
         )
 
     def channel_unit(self, channel: str) -> ChannelUnit:
-        """Units of a channel: as declared, or as its standard name defines them.
+        """Units of a channel, declared or defined by its standard name.
 
         Parameters
         ----------
@@ -282,45 +282,45 @@ class Observation:
 
     @property
     def si_units(self) -> tuple[str, ...]:
-        """SI unit of each channel; empty where the dimension is unknown."""
+        """SI unit of each channel; empty for an unknown dimension."""
         return tuple(self.channel_unit(channel).si for channel in self.channels)
 
     def check_new(self, others: Sequence[Observation]) -> None:
-        """Refuse to be one of the other observations once more.
+        """Refuse this observation if it duplicates another one.
 
         Parameters
         ----------
         others : sequence of Observation
-            The other ones.
+            The other observations.
 
         Raises
         ------
         InputError
-            If one has the same values, to three digits, of the same channels on the same record.
+            If another observation has the same values to three digits, for the same channels and record.
         """
         for number, other in enumerate(others, start=1):
             same = self.channels == other.channels and self.record.content_hash == other.record.content_hash
-            # Rounded when it was written once more. Two tests on one record differ by more.
+            # A second copy may be rounded. Two tests on one record differ by more than rounding.
             if same and np.abs(self.values - other.values).max() <= ROUNDED * np.abs(self.values).max():
                 raise InputError(
                     f"observation {len(others) + 1}",
-                    f"the same measurement as number {number}",
+                    f"it repeats the measurement of observation {number}",
                     "each measurement once",
-                    "Twice the same data would count as twice as many.",
+                    "Remove the copy, since repeated data would count twice.",
                 )
 
     def in_sds(self, values: Any) -> Any:
-        """Divide values, residuals or sensitivities by the known standard deviations; the same where there are none.
+        """Divide values, residuals or sensitivities by the known standard deviations, if there are any.
 
         Parameters
         ----------
         values : array, shape (time, channel) or (time, channel, run)
-            In SI.
+            Values in SI.
 
         Returns
         -------
         array
-            In the same shape.
+            Quotients, in the shape of `values`.
         """
         if self.sd is None:
             return values
@@ -329,21 +329,21 @@ class Observation:
 
     @property
     def log_sds(self) -> np.ndarray:
-        """Logarithms of the known standard deviations, shape (time, channel); zeros where there are none."""
+        """Logarithms of the known standard deviations, shape (time, channel); zeros if there are none."""
         return np.zeros(self.values.shape) if self.sd is None else np.log(self.sd)
 
     @property
     def error_units(self) -> tuple[str, ...]:
-        """SI unit of the errors, for each channel; none where they are relative to known standard deviations."""
+        """SI unit of the errors of each channel; empty if the errors are relative to known standard deviations."""
         return self.si_units if self.sd is None else ("",) * len(self.channels)
 
     def nuisances(self) -> dict[str, Marginal]:
-        """Unknown nuisances and their priors.
+        """Unknown nuisance parameters and their priors.
 
         Returns
         -------
         dict of str to Marginal
-            ``gain`` and ``offset`` once a channel, ``time_shift`` once.
+            ``gain`` and ``offset`` for each channel, and one ``time_shift``.
         """
         priors: dict[str, Marginal] = {}
         for kind in ("gain", "offset"):
@@ -358,14 +358,14 @@ class Observation:
         return kind if len(self.channels) == 1 else f"{kind}_{channel}"
 
     def transmit(self, response: Any, unknown: Mapping[str, Any]) -> Any:
-        """Turn a model's response into what the instrument would show, inside JAX.
+        """Convert a model response to the predicted reading of the instrument, inside JAX.
 
         Parameters
         ----------
         response : jax.Array, shape (time, channel, run)
             The model's response.
         unknown : mapping of str to jax.Array (run,)
-            The nuisances.
+            Nuisance parameters.
 
         Returns
         -------
@@ -381,12 +381,12 @@ class Observation:
         return response
 
     def describe(self) -> dict[str, Any]:
-        """Return everything a posterior depends on, for hashes.
+        """Return all data on which a posterior depends, for hashes.
 
         Returns
         -------
         dict
-            Hashes of record and values, channels and nuisances.
+            Hashes of record and values, channels and nuisance parameters.
         """
         return {
             "record": self.record.content_hash,
@@ -399,16 +399,16 @@ class Observation:
 
 
 def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.ndarray, where: str) -> np.ndarray:
-    """Interpolate columns to the record's samples, given the time of their first line."""
+    """Interpolate columns to the samples of the record, given the time of the first line."""
     if abs(dt / record.dt - 1.0) > SAME_STEP:
-        return values  # refused with its reason where the observation is made
+        return values  # the constructor of the observation refuses them with a reason
     first, last, last_sample = start, start + dt * (len(values) - 1), record.dt * (len(record) - 1)
     if first > 1e-3 * dt or last < last_sample - 1e-3 * dt:
         raise InputError(
             where,
-            f"a history from {first:.6g} to {last:.6g} s of the record's time, after time_shift",
-            f"one that covers the record, from 0 to {last_sample:.6g} s",
-            "Check the sign: time_shift is what the history's clock shows when the record begins. Or trim the record.",
+            f"after time_shift the history covers {first:.6g} to {last:.6g} s of the record",
+            f"a history that covers the whole record, from 0 to {last_sample:.6g} s",
+            "Check the sign: time_shift is the time in the history's file at which the record begins. Or trim the record.",
         )
     behind = -start / dt
     if abs(behind - round(behind)) < 1e-3:
@@ -418,29 +418,29 @@ def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.nda
 
 
 def _checked_sd(given: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
-    """Known standard deviations, one per value."""
+    """Return the known standard deviations, one per value, after a check."""
     sd = np.array(given, dtype=np.float64)
     sd = sd[:, None] if sd.ndim == 1 else sd
     try:
         whole = np.array(np.broadcast_to(sd, shape))
     except ValueError:
         raise InputError(
-            f"{where}: sd", f"an array of shape {np.shape(given)}", f"one number, or one for each value: {shape}"
+            f"{where}: sd", f"an array of shape {np.shape(given)}", f"one number, or an array of shape {shape}"
         ) from None
     if not (np.isfinite(whole).all() and (whole > 0.0).all()):
         wrong = np.count_nonzero(~(np.isfinite(whole) & (whole > 0.0)))
         raise InputError(
             f"{where}: sd",
-            f"{wrong} of {whole.size} that are not positive and finite",
+            f"{wrong} of {whole.size} values are not positive and finite",
             "positive standard deviations",
-            "A value that is not to count has a large one.",
+            "To give a measured value little weight, use a large standard deviation.",
         )
     whole.setflags(write=False)
     return whole
 
 
 def _shifted(response: Any, samples: Any) -> Any:
-    """M(t − τ) by cubic (Catmull-Rom) interpolation; constant beyond the ends."""
+    """Return M(t − τ) by cubic (Catmull-Rom) interpolation; it is constant beyond the ends."""
     last = response.shape[0] - 1
     position = jnp.arange(response.shape[0])[:, None] - samples[None, :]
     base = jnp.floor(position)

@@ -18,6 +18,6 @@ def test_a_model_of_which_no_run_finishes_stops_after_the_first_design():
     record = si.GroundMotion.synthetic(seed=3, duration=6.0)
     measured = si.Observation(record, np.sin(record.time))
     broken = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
-    with pytest.raises(CampaignStoppedError, match=r"None of the first 10 runs.*KeyError"):
+    with pytest.raises(CampaignStoppedError, match=r"None of the first 10 model runs.*KeyError"):
         si.calibrate(broken, space, measured, seed=1)
     assert len(asked) == 10

@@ -193,7 +193,7 @@ def test_how_many_runs_a_first_design_and_a_round_have(space, model, measured):
     seven = si.ParameterSpace(**{name: si.Uniform(0.1, 0.5) for name in names})
     wide = si.Posterior(seven, si.BoucWen(mass=12_000.0, free=names), measured)
     assert si.Plan().sized(wide, si.PODKriging()).sizes == (16, 22)
-    with pytest.raises(InputError, match="46 or more: 16 of the first design"):
+    with pytest.raises(InputError, match="46 or more: 16 for the first design"):
         si.Plan(true_runs=45).sized(
             si.Posterior(seven, si.BoucWen(mass=12_000.0, free=names), measured), si.PODKriging()
         )
@@ -355,7 +355,7 @@ def test_where_the_posterior_reaches_beyond_the_runs():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (dict(true_runs=38), "40 or more: 10 of the first design and 30 of a certificate"),
+        (dict(true_runs=38), "40 or more: 10 for the first design and 30 for a certificate"),
         (dict(start=3), "start.*10 or more"),
         (dict(certificate=600), "explorer|true_runs"),
     ],

@@ -29,7 +29,7 @@ def test_points_added_later_redo_nothing(tmp_path, monkeypatch):
     assert count() == 10
     np.testing.assert_array_equal(runs.values[2:8], early_values)
     np.testing.assert_array_equal(runs.design.values, both.values)
-    with pytest.raises(StoreMismatchError, match="10 runs at points that this design of 3 lacks"):
+    with pytest.raises(StoreMismatchError, match="10 stored runs are at points that are not in this design of 3"):
         si.Campaign(model, RECORD, SPACE.sample(3, seed=9), path).run()
     np.testing.assert_array_equal(si.open_runs(path).values, runs.values)
 
@@ -84,7 +84,7 @@ def test_several_records_of_different_lengths(tmp_path):
     assert histories.dt == 0.02 and histories.values.shape == (3, 200, 1)
     point = dict(zip(SPACE.names, runs.design.values[3], strict=True))
     np.testing.assert_array_equal(histories.values[1, :, 0], solvers.wave(point, SHORT))
-    with pytest.raises(InputError, match="different steps or lengths"):
+    with pytest.raises(InputError, match="different time steps or lengths"):
         runs.histories()
     again = si.open_runs(tmp_path / "r.h5")
     assert [r.name for r in again.records] == ["sine", "cosine"] and len(again.records[1]) == 200

@@ -78,7 +78,7 @@ def test_two_writers_are_one_too_many(tmp_path):
 
 def test_files_that_are_no_stores(tmp_path):
     (tmp_path / "thesis.h5").write_text("my thesis")
-    with pytest.raises(InputError, match="it is no HDF5 file"):
+    with pytest.raises(InputError, match="it is not an HDF5 file"):
         si.Campaign(wave_model(), RECORD, SPACE.sample(2, seed=1), tmp_path / "thesis.h5").run()
     assert (tmp_path / "thesis.h5").read_text() == "my thesis"
     with pytest.raises(InputError, match="no such store"):
@@ -134,7 +134,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
     command = [sys.executable, str(script), str(path)]
     full = subprocess.run([*command, "40000"], capture_output=True, text=True, env=environment)
     assert full.returncode == 7, full.stderr
-    assert "there is no room left" in full.stdout and "run the same campaign again" in full.stdout
+    assert "the disk is full" in full.stdout and "run the same campaign again" in full.stdout
     half = si.open_runs(path)
     assert 5 <= half.done.sum() < 40
     assert subprocess.run(command, env=environment).returncode == 0
@@ -147,7 +147,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
 def test_no_room_to_put_the_runs_together(tmp_path, monkeypatch):
     monkeypatch.setattr("structid.campaign.run_file.shutil.disk_usage", lambda p: type("Usage", (), {"free": 10})())
     path, design = tmp_path / "runs.h5", SPACE.sample(4, seed=1)
-    with pytest.raises(StoreError, match="They are safe in its parts"):
+    with pytest.raises(StoreError, match="The runs are safe in its parts"):
         si.Campaign(wave_model(), RECORD, design, path).run()
     assert si.open_runs(path).done.all()
     monkeypatch.undo()
@@ -187,7 +187,7 @@ def test_a_power_cut_leaves_zeros_or_damage(tmp_path):
     damaged = bytearray(whole)
     damaged[len(whole) // 2] ^= 1
     journal.write_bytes(damaged)
-    with pytest.warns(UserWarning, match="entries after that are not read"):
+    with pytest.warns(UserWarning, match="later entries are not read"):
         assert 0 < si.open_runs(path).done.sum() < stored
     assert journal.with_name("journal.damaged").read_bytes() == bytes(damaged)
     with pytest.warns(UserWarning, match="damaged"):

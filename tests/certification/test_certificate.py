@@ -119,7 +119,7 @@ def test_a_small_shift_is_told():
     assert one.certified and one.variation.estimate < one.variation.bound <= 0.1
     assert abs(one.shift[0] - 0.03) < 4.0 * one.shift_error[0] + 0.005
     told = str(one)
-    assert "CERTIFIED (99 model runs, 30 of them at fresh draws)" in told and "not known" in told
+    assert "CERTIFIED (99 model runs, 30 of them at fresh draws)" in told and "not excluded" in told
     plain = one.to_plain()
     assert plain["verdict"] == "certified" and plain["variation"]["bound"] == one.variation.bound
     assert plain["unseen"] == pytest.approx(3.0 / one.variation.draws)
@@ -188,8 +188,8 @@ def test_the_bound_of_an_sd_lies_above_the_truth():
     ("stored", "said"),
     [
         (StoredRuns(np.array([17.0 - 2.0, -50.0]), np.array([-60.0, -67.0])), "misses a part"),
-        (StoredRuns(np.array([15.0, -85.0]), np.array([-2.0, -400.0])), "hide a mode"),
-        (StoredRuns(np.array([17.0 + 22.0]), np.array([22.0])), "22.1 nats more density than any draw"),
+        (StoredRuns(np.array([15.0, -85.0]), np.array([-2.0, -400.0])), "much too low at 1 stored model runs"),
+        (StoredRuns(np.array([17.0 + 22.0]), np.array([22.0])), "22.1 nats above every draw"),
     ],
 )
 def test_mass_that_no_draw_visits(stored, said):
@@ -215,7 +215,7 @@ def test_a_variance_with_a_long_tail_is_compared_by_its_logarithm():
         fresh = of_an_exponential_law(rough(0.02), seed, dimension=1)
         itself = replace(fresh, compared=np.exp(fresh.theta), population=np.exp(fresh.population))
         found = [issue_certificate(one, StoredRuns(), ("log sigma2",), 99) for one in (fresh, itself)]
-        assert found[0].certified and "of a variance of errors its logarithm is meant" in found[0].statement
+        assert found[0].certified and "for error variances, this refers to the logarithm" in found[0].statement
         bounds.append([one.sd_bound[0] for one in found])
     of_logarithm, of_itself = np.transpose(bounds)
     assert of_logarithm.max() < 0.04 and of_itself.max() > 0.5 and of_itself.min() < 0.01

@@ -64,7 +64,7 @@ def test_a_small_correction_is_certified_and_a_large_one_is_not():
     assert plain.mean_bound.max() < 0.04
     np.testing.assert_allclose(found.mean_bound[0] - plain.mean_bound[0], 0.05, atol=0.03)
     assert found.of_probability(0.05) > near.distance > plain.of_probability(0.05)
-    assert "the mean of a lies +0.15" in str(refused)
+    assert "the mean of a is shifted by +0.15" in str(refused)
     assert not near.beyond(Limits()) and far.beyond(Limits())
     assert found.to_plain()["correction"]["mean"] == found.correction.mean.tolist()
 
@@ -91,5 +91,5 @@ def test_draws_without_a_correlation_that_the_runs_have_taught():
     assert found.certified and not near.beyond(Limits()) and far.beyond(Limits())
     assert "every correlation within 0.1" in found.statement
     assert len(refused.reasons) == 1
-    assert refused.reasons[0].startswith("the correlation of a and b may be 0.3")
-    assert refused.reasons[0].endswith(" off; 0.2 is allowed")
+    assert refused.reasons[0].startswith("the correlation of a and b may be wrong by 0.3")
+    assert refused.reasons[0].endswith("; the limit is 0.2")

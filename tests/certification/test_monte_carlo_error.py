@@ -67,5 +67,5 @@ def test_walkers_in_turn():
 def test_too_few_draws_are_told():
     few = np.random.default_rng(4).standard_normal((1, 200, 2)).reshape(4, 50, 2)
     (said,) = MonteCarloError.of(few, 0.95).too_large(Limits(), ("a", "b"))
-    assert "there are too few draws" in said and "independent ones" in said and "times as many" in said
+    assert "there are too few draws" in said and "independent draws" in said and "times as many" in said
     assert MonteCarloError.of(few, 0.95).too_large(Limits(mean=0.5, sd=0.5, correlation=0.5), ("a", "b")) == ()

@@ -21,7 +21,7 @@ def test_a_stage_is_one_line(capsys, seconds):
         for done in range(1, 4):
             seconds[0] += 5.0
             told(done, 3, failed=1)
-    assert capsys.readouterr().out.split() == ["true", "runs", "3/3,", "1", "failed", "15", "s"]
+    assert capsys.readouterr().out.split() == ["model", "runs", "3/3,", "1", "failed", "15", "s"]
 
 
 def test_a_stage_that_ends_early_has_ended(capsys, seconds):
@@ -37,7 +37,7 @@ def test_a_long_stage_gives_a_sign_of_life_every_half_minute(capsys, seconds):
             told(done, 100)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines] == ["31/100", "62/100", "93/100", "100/100"]
-    assert all(line.endswith("going on") for line in lines[:-1]) and lines[-1].endswith("100 s")
+    assert all(line.endswith("continuing") for line in lines[:-1]) and lines[-1].endswith("100 s")
 
 
 def test_a_passing_stage_leaves_nothing(capsys, seconds):

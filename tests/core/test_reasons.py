@@ -11,7 +11,7 @@ from structid.core.reasons import counted_reasons, general_reason, grouped_reaso
         ("not finite from 3.41 s on", "not finite from … s on"),
         ("exit code 3; it last said: zero pivot 1.2e-5 in row 17 [kept: /tmp/x/run-1]", None),
         ("killed by signal 11 (SIGSEGV)", "killed by signal 11 (SIGSEGV)"),
-        ("it returned 393 rows; wanted 400 rows of v2", "it returned … rows; wanted 400 rows of v2"),
+        ("it returned 393 rows; expected 400 rows of v2", "it returned … rows; expected 400 rows of v2"),
     ],
 )
 def test_reasons_are_counted_by_kind(reason, general):
@@ -42,8 +42,8 @@ def test_reasons_beyond_the_first_ten_are_counted():
 
 def test_what_all_say_alike_is_said_in_full():
     alike = [
-        "it returned 393 rows; wanted 400 rows of v2 [kept: /tmp/x/run-1]",
-        "it returned 393 rows; wanted 400 rows of v2",
+        "it returned 393 rows; expected 400 rows of v2 [kept: /tmp/x/run-1]",
+        "it returned 393 rows; expected 400 rows of v2",
     ]
     apart = [f"not finite from {t} s on" for t in (1.2, 3.4, 5.6)]
     assert grouped_reasons([*alike, "", *apart]) == [("not finite from … s on", 3), (alike[1], 2)]

@@ -37,7 +37,7 @@ def test_a_key_without_a_sentence_or_with_a_wrong_value_is_found(monkeypatch, tm
     record.write_text(text + "gap = 1.0\n")
     found = "\n".join(study_keys.problems(keys))
     for said in (
-        "RecordSection: scale has no example",
+        "RecordTable: scale has no example",
         "lowpass = '20 m' is refused",
         "does not know resampled",
         "gap has no sentence",

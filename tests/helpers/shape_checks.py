@@ -48,24 +48,39 @@ def compare(where, values, hints, texts):
             raise TypeError(f"{where}, {name}: {described(value)} is not {texts[name]}")
 
 
+class Checks:
+    """Annotations of one function, and how many of its calls are still to be checked."""
+
+    identity = "shape checks"  # all that a hash of the function needs: what it holds changes with the first call
+
+    def __init__(self, function):
+        self.texts = shaped(function.__annotations__)
+        self.order, self.hints, self.left = list(inspect.signature(function).parameters), {}, CALLS
+        self.scope = inspect.unwrap(function).__globals__
+
+    def due(self):
+        """Whether this call is checked; all names are there when the function is called."""
+        if not self.hints:
+            self.hints.update({name: eval(text, self.scope) for name, text in self.texts.items()})
+        self.left -= 1
+        return self.left >= 0
+
+
 def checked(function):
     """Compare arguments and results of a function with its annotations."""
-    texts = shaped(function.__annotations__)
-    if not texts:
+    checks = Checks(function)
+    if not checks.texts:
         return function
-    order, hints = list(inspect.signature(function).parameters), {}
-    scope, left = inspect.unwrap(function).__globals__, iter(range(CALLS))
 
     @functools.wraps(function)
     def called(*arguments, **named):
-        if next(left, None) is None:
+        if not checks.due():
             return function(*arguments, **named)
-        if not hints:  # all names are there when it is called
-            hints.update({name: eval(text, scope) for name, text in texts.items()})
         with jaxtyped("context"):
-            compare(function.__qualname__, dict(zip(order, arguments, strict=False)) | named, hints, texts)
+            given = dict(zip(checks.order, arguments, strict=False)) | named
+            compare(function.__qualname__, given, checks.hints, checks.texts)
             result = function(*arguments, **named)
-            compare(function.__qualname__, {"return": result}, hints, texts)
+            compare(function.__qualname__, {"return": result}, checks.hints, checks.texts)
         return result
 
     return called

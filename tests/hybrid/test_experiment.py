@@ -110,17 +110,17 @@ def test_the_check_tells_what_the_run_will_need():
     assert checked.force[0] == pytest.approx(np.abs(result.moves.force).max(), rel=1e-3)
     assert (checked.steps, checked.wall_time) == (100, pytest.approx(100.0))
     text = str(checked)
-    assert "This test can work." in text
+    assert "This test is feasible." in text
     assert "critical delay" in text
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"actuator": Actuator(stroke=0.01)}, "displacement of .* limit is 0.01"),
+        ({"actuator": Actuator(stroke=0.01)}, "displacement of .* exceeds the limit of 0.01"),
         ({"actuator": Actuator(velocity=1e-4)}, "velocity of .* larger time scale"),
         ({"actuator": Actuator(force=1e4)}, "force of .* weaker record"),
-        ({"actuator": Actuator(delay=0.15)}, "is read 100 ms after its ramp"),
+        ({"actuator": Actuator(delay=0.15)}, "is read 100 ms after the end of its ramp"),
         (
             {"actuator": Actuator(delay=0.03), "time_scale": 5.0, "coupling": PrakashHjelmstad(50, "physical")},
             "would grow",
@@ -140,10 +140,10 @@ def test_what_cannot_work_is_refused_with_its_figure(settings, message):
     [
         ({"time_scale": 0.0}, "a positive number"),
         ({"time_scale": 0.3}, "5 or more"),
-        ({"compensation": AdaptiveTimeSeries(0.01)}, "it learns from every one"),
-        ({"geometry": np.eye(2)}, "1 channels, 1 degrees"),
+        ({"compensation": AdaptiveTimeSeries(0.01)}, "learns from every controller step"),
+        ({"geometry": np.eye(2)}, r"shape \(1, 1\)"),
         ({"physical": None}, "a Substructure with mass"),
-        ({"duration": 2.0}, "after its end"),
+        ({"duration": 2.0}, "is after the end"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(settings, message):
@@ -212,7 +212,7 @@ def test_a_stiffening_specimen_is_told():
 def test_what_a_specimen_is_told_to_do_beyond_its_limits():
     specimen = SimulatedSpecimen(LinearForce(np.eye(1)), Actuator(stroke=1.0, velocity=1e3))
     specimen.move(np.array([[0.5]]))
-    with pytest.raises(SpecimenError, match="Refused before it moved"):
+    with pytest.raises(SpecimenError, match="refused before it started"):
         specimen.move(np.array([[1.5]]))
     assert specimen.position == 0.5
     with pytest.raises(SpecimenError, match="holds its position"):

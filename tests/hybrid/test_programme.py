@@ -89,7 +89,7 @@ def test_a_structure_is_released_by_its_operator():
 
     with pytest.raises(SpecimenError, match="by its operator"):
         Laboratory().released()
-    with pytest.raises(InputError, match="that is a structure"):
+    with pytest.raises(InputError, match="a structure as specimen"):
         SpecimenServer(Laboratory(), SECRET, releases=True)
 
 
@@ -190,12 +190,12 @@ def test_a_programme_goes_on_where_it_was_killed(tmp_path):
     whole = programme(noisy()).run(tmp_path / "whole")
     cut = programme(noisy())
     Programme({name: cut.tests[name] for name in ("1", "2")}).run(tmp_path / "cut")
-    with pytest.raises(InputError, match="there already"):
+    with pytest.raises(InputError, match="already exists"):
         programme(noisy()).run(tmp_path / "cut")
     resumed = programme(noisy()).run(tmp_path / "cut", resume=True)
     for name in ("1", "2", "3"):
         np.testing.assert_array_equal(resumed.tests[name].moves.measured, whole.tests[name].moves.measured)
-    with pytest.raises(InputError, match="otherwise than before"):
+    with pytest.raises(InputError, match="the repeated test differs"):
         programme(noisy(seed=4)).run(tmp_path / "cut", resume=True)
 
 
@@ -217,7 +217,7 @@ def test_a_server_that_does_not_release_ends_a_programme():
 
 
 def test_programmes_that_cannot_be(run):
-    with pytest.raises(InputError, match="one test or more"):
+    with pytest.raises(InputError, match="one or more tests"):
         Programme({})
     with pytest.raises(InputError, match="letters, digits"):
         Programme({"../1": next(iter(programme(specimen()).tests.values()))})

@@ -53,6 +53,6 @@ def test_a_posterior_on_a_bound_of_its_prior():
     )
     density.space = space
     warnings = si.sample(density, si.AIES(walkers=40, ensembles=4, steps=8000), seed=1).verdict().warnings
-    assert [w for w in warnings if "of a sits on the lower bound" in w and "show nothing of it" in w]
-    assert [w for w in warnings if "of b sits on the lower bound" in w and w.endswith("would go further")]
+    assert [w for w in warnings if "of a lies at the lower bound" in w and "favour zero" in w]
+    assert [w for w in warnings if "of b lies at the lower bound" in w and w.endswith("favour values beyond it")]
     assert len(warnings) == 2  # and nothing of far tails

@@ -39,7 +39,7 @@ def test_an_imposed_displacement_is_followed_or_refused(exponent, more):
         assert np.isnan(found.values[~found.done, -1]).all()
         refused += found.done.tolist()
         for run in np.flatnonzero(~found.done):
-            assert "not finite" in found.reasons[run] or "give more substeps, or a finer record" in found.reasons[run]
+            assert "not finite" in found.reasons[run] or "use more substeps or a finer record" in found.reasons[run]
     assert 0 < sum(refused) < len(refused)
 
 
@@ -125,5 +125,5 @@ def test_imposed_displacements_are_followed_or_refused():
     path = cycles(0.01)
     few, many = (si.ImposedDisplacements(model, pieces=n).simulate([[1000.0], [20.0]], path) for n in (2, 100))
     assert few.done.tolist() == [False, True] and many.done.all()
-    assert "more pieces follow it" in few.reasons[0]
+    assert "use more pieces" in few.reasons[0]
     np.testing.assert_allclose(few.values[1], many.values[1], atol=1e-3 * np.abs(many.values[1]).max())

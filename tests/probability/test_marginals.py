@@ -107,7 +107,7 @@ def test_bad_marginals_are_refused(make):
 
 
 def test_a_truncation_to_nothing_says_so():
-    with pytest.raises(InputError, match=r"holds .* of the distribution with mean 7.42"):
+    with pytest.raises(InputError, match=r"contains .* of the distribution with mean 7.42"):
         si.Normal(7.42, 0.1, low=9.0)
 
 

@@ -101,7 +101,7 @@ def test_a_correlation_beyond_one_is_named_with_its_pair():
         si.ParameterSpace(correlation={("a", "b"): 2.0}, a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
 
 
-@pytest.mark.parametrize(("low", "high", "cure"), [(2.0, 1.0, "Exchange"), (1.0, 1.0, "known belongs in the model")])
+@pytest.mark.parametrize(("low", "high", "cure"), [(2.0, 1.0, "Exchange"), (1.0, 1.0, "known value to the model")])
 def test_bounds_out_of_order_have_their_cure(low, high, cure):
     for prior in (lambda: si.Uniform(low, high), lambda: si.Normal(1.5, 1.0, low=low, high=high)):
         with pytest.raises(InputError, match=cure):

@@ -200,10 +200,10 @@ def test_a_killed_computation_goes_on_to_the_same_numbers(tmp_path, posterior, d
     ("settings", "told"),
     [
         (dict(records=[]), "records"),
-        (dict(levels=None), "none for 3 records"),
+        (dict(levels=None), "no levels for 3 records"),
         (dict(levels=[1.0, -2.0]), "positive peak"),
         (dict(limit=0.0), "limit"),
-        (dict(surrogate=si.PODKriging(), training=100, checks=30), "100 train and 30 check"),
+        (dict(surrogate=si.PODKriging(), training=100, checks=30), "100 train the surrogate and 30 check it"),
     ],
 )
 def test_what_cannot_be_asked(posterior, draws, settings, told) -> None:

@@ -91,7 +91,7 @@ def test_the_product_limit_estimate_knows_of_censored_times() -> None:
 
 @pytest.mark.parametrize("limit", [0.0, -1.0])
 def test_a_limit_must_be_beyond_the_beginning(limit: float) -> None:
-    with pytest.raises(si.InputError, match="beyond where every run begins"):
+    with pytest.raises(si.InputError, match="above every run's initial value"):
         si.passages(lines(SPEEDS), "drift", limit)
 
 
@@ -104,7 +104,7 @@ def test_a_limit_below_the_displacement_at_rest_is_refused() -> None:
         channels=("uy_top_left",),
     )
     found = wall.simulate(np.zeros((1, 0)), si.GroundMotion.synthetic(seed=8).trim(6.0, 6.1))
-    with pytest.raises(si.InputError, match=r"The runs begin at 0\.0025"):
+    with pytest.raises(si.InputError, match=r"Choose a limit above 0\.0025"):
         si.first_passage(found, "uy_top_left", 1e-3)
 
 

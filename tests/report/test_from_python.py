@@ -120,7 +120,7 @@ def test_several_observations_of_one_record_each_have_their_own_figures(tmp_path
         "residuals_drift_1_1",
     ]
     assert [n for n in names if n.startswith("record")] == ["record_1"]
-    assert "Hysteresis loops of storey 2 on" in page.read_text()
+    assert "Hysteresis loops of storey 2 for" in page.read_text()
 
 
 @pytest.mark.parametrize("kind", [si.DisplacementHistory, si.ForceHistory])
@@ -135,4 +135,4 @@ def test_a_test_that_is_driven_in_another_way_has_a_page(tmp_path, kind):
     posterior = si.Posterior(SPACE, model, si.Observation(driven, values + noise, (channel,)), si.IID())
     result = si.sample(posterior, si.SMC(particles=60, ensembles=2, steps=5, effective_share=0.5), seed=1)
     text = si.write_report(result, tmp_path).read_text()
-    assert "What drove the structure: cycles" in text and (tmp_path / "figures" / "loops.svg").is_file()
+    assert "Excitation of the structure: cycles" in text and (tmp_path / "figures" / "loops.svg").is_file()

@@ -71,12 +71,12 @@ def test_all_is_well():
     found = page_summary(material(truth=(7.6, 0.1, 61.3), certificate=certificate("certified")))
     assert found.trust == "good" and not found.wrong and found.truths == (3, 3)
     assert [b.about for b in found.believed] == ["Sampling", "Surrogate", "Model"]
-    assert "90 runs" in found.believed[1].said and "0.05 standard deviations" in found.believed[1].said
-    assert found.unsaid == ["Every parameter is known better than before, each by itself."]
-    assert found.further[0].startswith("Use it") and "7.6" in str(found) and "✓ Model" in str(found)
+    assert "90 model runs" in found.believed[1].said and "0.05 standard deviations" in found.believed[1].said
+    assert found.unsaid == ["None: the data constrain every parameter separately."]
+    assert found.further[0].startswith("Use the result") and "7.6" in str(found) and "✓ Model" in str(found)
     stiffness = found.parameters[0]
     # A uniform prior's 90 % interval is 3.6 kN/mm wide, and the posterior's 3.29 standard deviations of 0.05.
-    assert stiffness.narrowed == pytest.approx(3.6 / (3.29 * 0.05), rel=0.05) and stiffness.told == "22 times"
+    assert stiffness.narrowed == pytest.approx(3.6 / (3.29 * 0.05), rel=0.05) and stiffness.narrowing == "22 times"
     assert 0.0 == stiffness.bar["prior_low"] < stiffness.bar["interval_low"] < stiffness.bar["truth"] < 100.0
 
 
@@ -89,10 +89,10 @@ def test_draws_that_have_not_converged_come_first_and_alone():
 @pytest.mark.parametrize(
     ("given", "trust", "said", "further"),
     [
-        ({"certificate": certificate("usable with re-weighting")}, "doubtful", "re-weighting", "Use it"),
+        ({"certificate": certificate("usable with re-weighting")}, "doubtful", "re-weighting", "Use the result"),
         ({"certificate": certificate("not")}, "bad", "do not use", "true_runs = 400"),
-        ({"certificate": certificate("not"), "cost": object()}, "good", "the model itself decided", "Use it"),
-        ({"surrogate": object()}, "doubtful", "not certified", "Use it"),
+        ({"certificate": certificate("not"), "cost": object()}, "good", "the model itself decided", "Use the result"),
+        ({"surrogate": object()}, "doubtful", "not certified", "Use the result"),
     ],
 )
 def test_a_surrogate_is_judged_by_itself(given, trust, said, further):
@@ -106,13 +106,13 @@ def test_a_wrong_model_has_intervals_for_another_record():
     stiffness, alpha, beta = found.parameters
     assert stiffness.honest[1] > 8.2 > stiffness.interval[1] and stiffness.holds_truth
     assert alpha.elsewhere is not None and beta.elsewhere is None and beta.honest == beta.interval
-    assert "Do not take these parameters" in found.further[0] and "another record" in found.further[1]
+    assert "Do not use these parameters" in found.further[0] and "another record" in found.further[1]
     assert "for another record" in str(found)
 
 
 def test_units_come_before_the_model():
     found = page_summary(material(wrong_model=("It has 0.001 times the measured peak.",), another_size=True))
-    assert "Look at the units" in found.further[0] and not any("what it lacks" in said for said in found.further)
+    assert "Check the units" in found.further[0] and not any("missing behaviour" in said for said in found.further)
 
 
 def test_an_interval_for_another_record_stays_inside_the_prior():
@@ -125,9 +125,11 @@ def test_what_the_data_do_not_say():
     one, other = rng.normal(size=4000), rng.normal(size=4000)
     draws = np.stack([7.6 + 0.05 * one, rng.uniform(0.0, 0.2, 4000), 61.0 + 0.2 * (0.98 * one + 0.2 * other)], axis=1)
     found = page_summary(material(draws))
-    assert found.unsaid[0] == "The data say little of α: what is known of it is in the prior."
+    assert found.unsaid[0] == "The data hardly constrain α: its posterior is close to the prior."
     assert "stiffness and β" in found.unsaid[1] and "correlation 0.98" in found.unsaid[1]
-    assert found.parameters[1].told == "hardly" and any("measure another channel" in said for said in found.further)
+    assert found.parameters[1].narrowing == "hardly" and any(
+        "measure another channel" in said for said in found.further
+    )
 
 
 def test_a_law_that_is_wrong_is_a_doubt():
@@ -149,10 +151,10 @@ def test_a_prior_that_the_data_contradict_comes_first():
     assert (
         found.further[0].startswith("The posterior of alpha lies in the far tail") and "the units" in found.further[0]
     )
-    assert found.further[1].startswith("The posterior of beta sits on the lower bound") and "Widen" in found.further[1]
-    assert "Do not take" in found.further[2]
+    assert found.further[1].startswith("The posterior of beta lies at the lower bound") and "Widen" in found.further[1]
+    assert "Do not use" in found.further[2]
     # As wide as its prior, and far from it: the data say a lot.
-    assert not any("say little" in said for said in found.unsaid)
+    assert not any("hardly constrain" in said for said in found.unsaid)
 
 
 def test_what_drifts_as_far_as_its_prior_is_not_known_on_another_record():

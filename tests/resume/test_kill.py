@@ -120,7 +120,7 @@ def test_a_byte_that_has_flipped_in_a_finished_store(tmp_path, short_posterior, 
     try:
         again = si.sample(short_posterior, sampler, seed=1, store=path)
     except InputError as told:
-        assert "it is damaged" in str(told) and "Take it from a copy" in str(told)
+        assert "it is damaged" in str(told) and "Restore it from a copy" in str(told)
     else:
         np.testing.assert_array_equal(again.history, drawn.history)
 
@@ -128,5 +128,5 @@ def test_a_byte_that_has_flipped_in_a_finished_store(tmp_path, short_posterior, 
 def test_a_text_file_is_left_as_it_is(tmp_path, short_posterior):
     (tmp_path / "notes.txt").write_text("not to be removed")
     for read in (si.open_runs, si.load_surrogate, lambda path: si.sample(short_posterior, store=path)):
-        with pytest.raises(InputError, match=r"notes.txt: it is no HDF5 file.*left as it is"):
+        with pytest.raises(InputError, match=r"notes.txt: it is not an HDF5 file.*This one is unchanged"):
             read(tmp_path / "notes.txt")

@@ -65,8 +65,8 @@ LOSSY_ARRAYS = {
     "text in a table": (pandas.Series(["1.5", "2.5"], dtype="string"), "text such as|the text '1.5'"),
 }
 WRONG_NUMBERS = {
-    "nan": (float("nan"), "nan, which is no number"),
-    "NumPy's nan": (np.float32("nan"), "nan, which is no number"),
+    "nan": (float("nan"), "nan, which is not a number"),
+    "NumPy's nan": (np.float32("nan"), "nan, which is not a number"),
     "complex": (1.0 + 2.0j, "complex"),
     "masked": (np.ma.masked, "masked value"),
     "a quantity": (Quantity(), "a quantity in millimeter"),

@@ -184,7 +184,7 @@ class TestEveryModel:
                 lambda m, s, record: m.simulate(
                     s.sample(2, seed=1), [record, replace(record, values=record.values[:99])]
                 ),
-                "different steps or lengths",
+                "different time steps or lengths",
             ),
             (
                 lambda m, s, record: m.simulate(si.ParameterSpace(c=si.Uniform(0, 1)).sample(2, seed=1), record),

@@ -36,8 +36,8 @@ def test_a_certified_study(tmp_path, monkeypatch):
     )
     page = outcome.report.read_text()
     assert page.index("Certified: surrogate and model agree") < page.index('id="posterior-table"')
-    assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
-    assert "surrogate's own error (" not in page  # what is certified needs no warning
+    assert 'id="calibration"' in page and "Rounds" in page and "sd of log weights" in page
+    assert "the surrogate's error (" not in page  # what is certified needs no warning
     # First of all the answers: what the parameters are, whether to believe them, what next.
     head = page.index('<section class="page-summary')
     assert head < page.index("What are the parameters?") < page.index("certified by") < page.index("What next?")
@@ -89,9 +89,9 @@ def test_exact_sampling_needs_no_certificate(tmp_path):
     page = outcome.report.read_text()
     # A chain that has not converged is nobody's posterior yet.
     head = (
-        "Exact: these are draws of the model"
+        "Exact: the draws come from the posterior of the model"
         if outcome.trusted
-        else "Exact in the long run, but the chain is not there"
+        else "Exact in the long run, but the chain has not yet converged"
     )
     assert page.index(head) < page.index('id="posterior-table"')
     assert str(result.cost.true_runs) in page.replace(",", "")
@@ -103,15 +103,15 @@ def test_exact_sampling_needs_no_certificate(tmp_path):
     ("change", "words"),
     [
         (dict(surrogate='kind = "none"'), "calibration.*a surrogate such as"),
-        (dict(surrogate='kind = "pod_kriging"\nlimit = 0.1'), "surrogate.limit.*the certificate judges"),
-        (dict(calibration=CALIBRATION + "[campaign]\nruns = 50\n\n"), "a calibration does its own runs"),
+        (dict(surrogate='kind = "pod_kriging"\nlimit = 0.1'), "surrogate.limit.*the certificate assesses"),
+        (dict(calibration=CALIBRATION + "[campaign]\nruns = 50\n\n"), "a calibration plans its own runs"),
         (dict(calibration=CALIBRATION.replace("300", "30")), "calibration.*or more"),
-        (dict(sampler='[sampler]\nkind = "smc"\nwalkers = 40\n\n'), "sampler.walkers.*smc does not know"),
-        (dict(sampler="[sampler]\nparticles = 40\n\n"), "sampler.particles.*aies does not know"),
+        (dict(sampler='[sampler]\nkind = "smc"\nwalkers = 40\n\n'), "sampler.walkers.*smc does not have"),
+        (dict(sampler="[sampler]\nparticles = 40\n\n"), "sampler.particles.*aies does not have"),
         (dict(surrogate='kind = "pc_narx"\ndegree = 5'), "40 runs|36 runs"),
-        (dict(surrogate='kind = "pod_kriging"\nmodel_error = true'), "surrogate.model_error.*the certificate judges"),
+        (dict(surrogate='kind = "pod_kriging"\nmodel_error = true'), "surrogate.model_error.*the certificate assesses"),
         (dict(sampler='[sampler]\nkind = "delayed_acceptance"\ntuning = 90\n\n'), "sampler.tuning.*discarded"),
-        (dict(sampler='[sampler]\nkind = "nuts"\nwalkers = 40\n\n'), "sampler.walkers.*nuts does not know"),
+        (dict(sampler='[sampler]\nkind = "nuts"\nwalkers = 40\n\n'), "sampler.walkers.*nuts does not have"),
         (
             dict(surrogate='kind = "none"', calibration="", sampler='[sampler]\nkind = "delayed_acceptance"\n\n'),
             "delayed_acceptance' without a .surrogate.",

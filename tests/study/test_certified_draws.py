@@ -37,11 +37,11 @@ def test_good_draws_with_their_density(drawn):
     folder, result = drawn
     called = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
     head = (
-        "CERTIFIED of a density that is known at the draws alone (36 model runs, 30 of them at fresh draws, 5 in search"
+        "CERTIFIED for a density that is known only at the draws (36 model runs, 30 of them at fresh draws, 5 in search"
     )
     assert called.returncode == 0 and head in called.stdout, called.stdout + called.stderr
     page = (folder / "good" / "report.html").read_text()
-    assert "Certified." in page and "Draws of draws.nc" in page and "Where model and draws differ" in page
+    assert "Certified." in page and "Draws of draws.nc" in page and "Difference between model and draws" in page
     figures = json.loads((folder / "good" / "certificate.json").read_text())
     assert figures["verdict"] == "certified" and figures["names"] == list(result.target.compared_names)
     again = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
@@ -52,9 +52,9 @@ def test_wrong_draws_in_a_table(drawn):
     folder, result = drawn
     csv(folder / "wrong.csv", result, shift=0.3)
     called = structid("certify", "study.toml", "wrong.csv", "--out", "wrong", cwd=folder)
-    assert called.returncode == 3 and "of a density that was fitted to the draws" in called.stdout, called.stderr
+    assert called.returncode == 3 and "for a density that was fitted to the draws" in called.stdout, called.stderr
     page = (folder / "wrong" / "report.html").read_text()
-    assert "do not use these draws" in page and "posterior do not agree" in page and "every mean within" not in page
+    assert "do not use these draws" in page and "posterior do not agree" in page and "error of every mean" not in page
 
 
 def test_draws_of_another_study(drawn):
@@ -63,7 +63,7 @@ def test_draws_of_another_study(drawn):
     text = (folder / "other.csv").read_text().replace(result.names[0], "mass", 1)
     (folder / "other.csv").write_text(text)
     called = structid("certify", "study.toml", "other.csv", "--out", "other", cwd=folder)
-    assert called.returncode == 2 and f"There are none of {result.names[0]}" in called.stderr
+    assert called.returncode == 2 and f"Add draws of {result.names[0]}" in called.stderr
 
 
 def test_what_the_runs_have_taught_is_on_the_page(tmp_path):
@@ -76,5 +76,5 @@ def test_what_the_runs_have_taught_is_on_the_page(tmp_path):
     for place, one in enumerate((found, replace(found, correction=correction, missing=0.0071))):
         material = CertificateMaterial("Draws", "", "draws.nc", one, ("a", "b"), ("m", ""), np.array([1.0, 1.0]))
         pages.append(write_certificate_report(material, tmp_path / str(place), {}).read_text())
-    told = ("they differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%", "-0.16 with b")
+    told = ("The two differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%", "-0.16 with b")
     assert all(said in pages[1] and said not in pages[0] for said in told)

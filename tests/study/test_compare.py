@@ -54,7 +54,7 @@ def test_the_study_that_degrades_wins_where_the_structure_does(studies):
     for name in ("predictions_velocity", "other_1_velocity"):
         assert "<path" in (studies / "page" / "figures" / f"{name}.svg").read_text()
     # The structure of a virtual experiment is known, and stands beside what is predicted of it.
-    assert "truth of the virtual experiment" in text and "of the truth inside" in text
+    assert "truth of the virtual experiment" in text and "true history inside" in text
 
 
 def test_on_the_command_line(studies, monkeypatch, capsys):
@@ -68,7 +68,7 @@ def test_on_the_command_line(studies, monkeypatch, capsys):
 def test_what_cannot_be_compared(studies, tmp_path):
     with pytest.raises(InputError, match="two or more"):
         compare_studies([studies / "simple"])
-    with pytest.raises(InputError, match="holds no study"):
+    with pytest.raises(InputError, match="contains no study"):
         compare_studies([studies / "simple", tmp_path])
     shutil.copytree(studies / "simple", tmp_path / "other")
     told = json.loads((tmp_path / "other" / "identity.json").read_text())

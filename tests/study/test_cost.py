@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from structid.inference.error_model_choice import EXPLORER, usual_error_models
-from structid.study.cost import Cost, Part, estimate
+from structid.study.cost import Part, StudyCost, estimate
 from structid.study.run import load
 from structid.study.stages.error_model_stage import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
 from studies import PLAIN, SMALL
@@ -59,11 +59,11 @@ def test_all_parts_are_in_the_sum(tmp_path):
         "Interior point",
         "Sampling",
         "figures and page",
-        "In all",
+        "Total",
     ):
         assert part in said
     assert cost.seconds == pytest.approx(sum(part.seconds for part in cost.parts))
-    assert "If the data choose parameters that drift" in said
+    assert "If the data choose drifting parameters" in said
     assert "drift" not in str(estimate(written(tmp_path, SMALL)))
 
 
@@ -83,20 +83,22 @@ def test_a_campaign_without_a_measurement_costs_its_runs(tmp_path):
 
 
 def test_parts_are_said_in_words():
-    cost = Cost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
+    cost = StudyCost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
     assert str(cost).splitlines() == [
-        "Campaign: 1,000 model runs in batches of 50, 2.5 ms a run: about 2 s",
+        "Campaign: 1,000 model runs in batches of 50, 2.5 ms per run: about 2 s",
         "Predictions, figures and page: about 3 min",
-        "In all about 3 min on this machine.",
+        "Total: about 3 min on this machine.",
     ]
 
 
 def test_what_the_whole_budget_takes_is_said_beside_what_is_usual():
     parts = (Part("Campaign", 2.5, 1000),)
     plan = si.Plan(start=10, batch=10, true_runs=300)
-    both = "In all about 2 s on this machine if 6 rounds make the surrogate good enough, 10 min if it takes all 26."
-    assert both in str(Cost(parts, 50, plan, longest=600.0))
-    assert "if it takes" not in str(Cost(parts, 50, plan, longest=2.5))
+    both = (
+        "Total: about 2 s on this machine if 6 rounds are enough for the surrogate, 10 min if it needs all 26 rounds."
+    )
+    assert both in str(StudyCost(parts, 50, plan, longest=600.0))
+    assert "if it needs" not in str(StudyCost(parts, 50, plan, longest=2.5))
 
 
 def test_draws_of_a_start_and_discarded_draws_are_counted(tmp_path):

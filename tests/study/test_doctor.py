@@ -23,13 +23,13 @@ def said(folder):
 def test_it_names_the_engine_and_the_caches(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     found = said(tmp_path)
-    assert "compiled lanes" in found and machine.processor() in found
-    assert f"{tmp_path}/structid/lanes" in found and "cannot be written" not in found
+    assert "vector code" in found and machine.processor() in found
+    assert f"{tmp_path}/structid/lanes" in found and "is not writable" not in found
 
 
 def test_it_says_why_loops_run_on_jax(tmp_path, monkeypatch):
     monkeypatch.setenv("STRUCTID_ENGINE", "jax")
-    assert "JAX runs loops over time" in said(tmp_path) and "STRUCTID_ENGINE=jax" in said(tmp_path)
+    assert "JAX computes the time loops" in said(tmp_path) and "STRUCTID_ENGINE=jax" in said(tmp_path)
 
 
 def test_without_llvmlite_it_says_so(tmp_path, monkeypatch):
@@ -40,7 +40,7 @@ def test_without_llvmlite_it_says_so(tmp_path, monkeypatch):
 def test_it_says_where_no_cache_can_be_kept(tmp_path, monkeypatch):
     (tmp_path / "structid").write_text("a file where the folder should be")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert "cannot be written: everything is compiled anew" in said(tmp_path)
+    assert "is not writable: every process compiles everything again" in said(tmp_path)
 
 
 def test_it_names_the_font_and_what_brings_what_is_missing(tmp_path):

@@ -17,7 +17,7 @@ def test_what_editors_save(tmp_path, encoding):
 def test_latin_1(tmp_path):
     text = SMALL.replace("–", "-").replace("oscillator", "Öszillator")
     (tmp_path / "study.toml").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputError, match=r"study.toml, line \d+.*no UTF-8.*'Ö'.*Save it as UTF-8"):
+    with pytest.raises(InputError, match=r"study.toml, line \d+.*not valid UTF-8.*'Ö'.*Save the file as UTF-8"):
         load(tmp_path / "study.toml")
 
 

@@ -40,7 +40,7 @@ def test_runs_then_a_calibration_then_the_page_again(folder):
     assert outcome.results[Runs].done.all() and len(outcome.results[Runs]) == 12
     assert outcome.result.draws.shape[-1] == 4
     page = outcome.report.read_text()
-    assert "Model runs" in page and "How they ended" in page
+    assert "Model runs" in page and "Status of the runs" in page
     with without_pages():
         serial = run_study(folder / "study.toml", folder / "again")
     np.testing.assert_array_equal(serial.result.history, outcome.result.history)
@@ -59,7 +59,7 @@ def test_a_study_of_runs_alone(folder):
     assert (
         told.returncode == 0
         and "12 done" in told.stdout
-        and "s a run (median)" in told.stdout
+        and "s per run (median)" in told.stdout
         and "runs/s over the last 12" in told.stdout
     )
     again = structid("report", "out", cwd=folder)
@@ -106,7 +106,11 @@ CHANGES = {
     "no such function": ('function = "respond"', 'function = "respnd"', ["model.function", "Did you mean 'respond'"]),
     "a misspelt key": ('time_limit = "20 s"', 'time_limt = "20 s"', ["model.time_limt", "Did you mean 'time_limit'"]),
     "a limit of nothing": ('time_limit = "20 s"', 'time_limit = "0 s"', ["model.time_limit"]),
-    "no channels": ('channels = ["velocity"]         # what it returns\n', "", ["model.channels", "missing"]),
+    "no channels": (
+        'channels = ["velocity"]         # channels that the function returns\n',
+        "",
+        ["model.channels", "missing"],
+    ),
     "another unit": ('time_limit = "20 s"', 'time_limit = "20 m"', ["model.time_limit", "20 m"]),
     "no runs": ("runs = 12", "runs = 0", ["campaign.runs"]),
     "an unknown design": ('method = "sobol"', 'method = "grid"', ["campaign.method", "grid", "sobol"]),
@@ -178,7 +182,7 @@ def test_a_program_in_a_study(folder):
 
 def test_the_cost_of_an_external_study_is_told(folder):
     told = structid("check", "study.toml", cwd=folder)
-    assert told.returncode == 0 and "with another point between" not in told.stdout, told.stderr
+    assert told.returncode == 0 and "with another run between" not in told.stdout, told.stderr
     assert "Campaign: 12 model runs one after another" in told.stdout and "--executor" in told.stdout
     assert "Sampling: 320 model runs" in told.stdout
 
@@ -211,7 +215,7 @@ def test_check_tries_the_solver(folder):
 def test_a_campaign_where_nothing_is_done_has_failed(folder):
     (folder / SOLVER).write_text("def respond(p, r):\n    raise OSError('no licence')\n")
     done = structid("run", "runs.toml", "--out", "out", cwd=folder)
-    assert done.returncode == 1 and "No run is done" in done.stderr
+    assert done.returncode == 1 and "No run has finished" in done.stderr
     assert (folder / "out" / "report.html").exists()
 
 
@@ -264,4 +268,4 @@ def test_a_solver_that_remembers_the_run_before(folder):
         ).replace("from itertools", "from pathlib import Path\nfrom itertools")
     )
     done = structid("check", "study.toml", cwd=folder)
-    assert done.returncode == 2 and "with another point between, the model differs by" in done.stdout, done.stdout
+    assert done.returncode == 2 and "with another run between them, differ by" in done.stdout, done.stdout

@@ -51,14 +51,14 @@ def test_a_loop_gives_priors_that_hold_the_truth(study):
     for name, true in (("stiffness", 7.6e6), ("alpha", 0.06)):
         assert 0.02 < priors[name].cdf(np.array([true]))[0] < 0.98
     done = structid("check", "study.toml", cwd=path.parent)
-    assert "The loop's initial stiffness is" in done.stdout and "Its alpha is" in done.stdout, done.stderr
+    assert "The loop's initial stiffness is" in done.stdout and "Alpha is" in done.stdout, done.stderr
 
 
 @pytest.mark.slow
 def test_the_page_shows_the_loop_and_its_lines(study):
     path = study()
     outcome = run_study(path, path.parent / "out")
-    assert "The measured loop of which priors were made" in outcome.report.read_text()
+    assert "The measured loop from which priors were derived" in outcome.report.read_text()
 
 
 @pytest.mark.parametrize(
@@ -68,15 +68,15 @@ def test_the_page_shows_the_loop_and_its_lines(study):
         (
             lambda t: t.replace(LOOP, ""),
             0.05,
-            r"key 'parameters.stiffness.distribution': 'loop'. .*beside a table \[loop\]",
+            r"key 'parameters.stiffness.distribution': 'loop'. .*a table \[loop\], and",
         ),
         (lambda t: t.replace('"loop.csv"', '"lop.csv"'), 0.05, "lop.csv: .*no such file"),
-        (lambda t: t.replace('force_unit = "kN"', 'force_unit = "mm"'), 0.05, "table 'loop'.*measures the same as 'N'"),
-        (lambda t: t.replace("[loop]", "[loop]\nforce_column = 5"), 0.05, "column 5 asked for"),
+        (lambda t: t.replace('force_unit = "kN"', 'force_unit = "mm"'), 0.05, "table 'loop'.*same dimension as 'N'"),
+        (lambda t: t.replace("[loop]", "[loop]\nforce_column = 5"), 0.05, "column 5 is missing"),
         (
             lambda t: t.replace('distribution = "loop"', 'distribution = "loop"\nmean = 7.4', 1),
             0.05,
-            "the lines give the prior",
+            "the loop determines the prior",
         ),
         (
             lambda t: _with_priors(t, beta='distribution = "loop"'),

@@ -39,11 +39,11 @@ def predicted(drifts, failed):
 
 def test_runs_that_failed_are_told_beside_the_band():
     first, second = predicted(np.full((3, 3), 1e-3), 1).sentences
-    assert "1 to 1 mm was predicted" in first and "does not hold" in first
-    assert second == "1 of 4 runs of the model failed for test 5: not finite from 3 s on. The band is without them."
+    assert "1 to 1 mm (5 to 95 %)" in first and "outside the band" in first
+    assert second == "1 of 4 model runs failed for test 5: not finite from 3 s on. The band excludes them."
 
 
 def test_a_test_of_which_every_run_failed_is_not_predicted():
     assert predicted(np.zeros((0, 3)), 4).sentences == [
-        "4 of 4 runs of the model failed for test 5: not finite from 3 s on. It is not predicted."
+        "4 of 4 model runs failed for test 5: not finite from 3 s on. There is no prediction."
     ]

@@ -71,14 +71,14 @@ def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):
     (tmp_path / "right.toml").write_text(text.replace("UNIT", "mm/s"))
     (tmp_path / "wrong.toml").write_text(text.replace("UNIT", "m/s"))
     right, wrong = (structid("check", f"{n}.toml", cwd=tmp_path).stdout for n in ("right", "wrong"))
-    assert "the measured one 100 mm/s (mainly at 3.2 Hz)." in right and "Are all units right" not in right
-    assert "the measured one 1e+05 mm/s" in wrong and "Are all units right" in wrong
+    assert "the measured velocity 100 mm/s (mainly at 3.2 Hz)." in right and "Are all units right" not in right
+    assert "the measured velocity 1e+05 mm/s" in wrong and "Are all units right" in wrong
 
 
 def test_check_says_what_room_a_calibration_has(tmp_path):
     (tmp_path / "tight.toml").write_text(packaged.template("bouc_wen").replace("true_runs = 500", "true_runs = 64"))
     told = structid("check", "tight.toml", cwd=tmp_path).stdout
-    assert "room for 2 x 10 more" in told and "calibration.true_runs = 100" in told
+    assert "allow 2 rounds of 10 runs" in told and "calibration.true_runs = 100" in told
 
 
 def test_the_report_needs_only_its_folder(tmp_path):
@@ -163,15 +163,15 @@ def test_check_says_the_cost_and_new_writes_a_study(small, tmp_path):
     made = structid("new", "mine", "--like", "shear_frame", cwd=tmp_path)
     assert made.returncode == 0 and 'name = "mine"' in (tmp_path / "mine.toml").read_text()
     twice = structid("new", "mine", cwd=tmp_path)
-    assert twice.returncode == 2 and "exists already" in twice.stderr
+    assert twice.returncode == 2 and "already exists" in twice.stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["check", "nowhere.toml"], "no such file"),
+        (["check", "nowhere.toml"], "the file does not exist"),
         (["report", "."], "no finished study"),
-        (["run", "nowhere.toml", "--out", "o"], "no such file"),
+        (["run", "nowhere.toml", "--out", "o"], "the file does not exist"),
         (["run"], "Missing argument"),
         (["fly"], "fly"),
         (["new", "nodir/x"], "nodir"),

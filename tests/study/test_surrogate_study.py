@@ -91,7 +91,7 @@ def test_a_surrogate_past_its_limit_is_sampled_by_who_trusts_it_or_raises_the_li
 @pytest.mark.parametrize(
     ("more", "words_of_the_error"),
     [
-        ("terms = ['y(t-1)']", "key 'surrogate.terms': a key that pod_kriging does not know.*left_out_energy"),
+        ("terms = ['y(t-1)']", "key 'surrogate.terms': a key that pod_kriging does not have.*left_out_energy"),
         ("correlation = 'cubic'", "surrogate.correlation.*'cubic'.*matern52"),
         ("nugget = -1.0", "surrogate.*nugget"),
         ("left_out_energy = 2.0", "surrogate.*left_out_energy.*below 1"),
@@ -107,7 +107,7 @@ def test_a_mistake_in_the_table(more, words_of_the_error, tmp_path):
 @pytest.mark.parametrize(
     ("kind", "more", "words_of_the_error"),
     [
-        ("pc_narx", "degree = 4", r"72 runs.*degree 4.*140 runs or more"),
+        ("pc_narx", "degree = 4", r"72 runs.*degree 4.*at least 140 runs"),
         ("pc_narx", "training = 'per-experiment'\ndegree = 2", "surrogate.degree.*does not use it"),
         ("pod_pce", "method = 'shrinkage'\ndegree = 2", "surrogate.degree.*does not use it"),
         ("kriging_narx", "horizons = [0]", "horizons.*1 or more"),

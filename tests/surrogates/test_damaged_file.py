@@ -56,7 +56,7 @@ def test_of_true_runs(tmp_path):
 
 def test_a_text_file_holds_no_runs(tmp_path):
     (tmp_path / "runs.h5").write_text("run,value\n1,2\n")
-    with pytest.raises(InputError, match=r"runs.h5: it is no HDF5 file"):
+    with pytest.raises(InputError, match=r"runs.h5: it is not an HDF5 file"):
         si.open_runs(tmp_path / "runs.h5")
 
 
@@ -83,7 +83,7 @@ def test_only_damaged_runs_are_done_again(tmp_path):
     middle = chunk.byte_offset + chunk.size // 2
     data[middle : middle + 8] = bytes(8)
     path.write_bytes(bytes(data))
-    with pytest.raises(InputError, match=r"1 of 12 runs are damaged \(run 5\); the others are sound.*again"):
+    with pytest.raises(InputError, match=r"1 of 12 runs are damaged \(run 5\); the others are intact.*repeated"):
         _ = si.open_runs(path).values
     with pytest.warns(StructidWarning, match="1 of 12 runs are damaged"):
         mended = si.Campaign(MODEL, RECORD, design, path).run()

@@ -354,7 +354,7 @@ def test_wrong_excitations_and_empty_designs_are_refused(short_record):
         model.simulate(NOTHING_FREE, short_record.values)
     with pytest.raises(InputError, match="no runs"):
         model.simulate(np.zeros((0, 0)), short_record)
-    with pytest.raises(InputError, match="free as well"):
+    with pytest.raises(InputError, match="also free"):
         si.BoucWen(**DEGRADING, free=("stiffness",))
 
 

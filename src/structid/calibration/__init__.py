@@ -1,1 +1,1 @@
-"""Calibration of an expensive model: surrogate, posterior, model runs where the posterior is, until a certificate holds."""
+"""Calibration of an expensive model: surrogate, posterior, model runs in the posterior's region, until a certificate holds."""

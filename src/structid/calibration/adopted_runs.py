@@ -1,7 +1,7 @@
 """Adoption of another version's runs by a stored calibration, which restarts with them.
 
-A user fixes a solver and knows that its completed runs are right. Conclusions from them belong to the old version: rounds,
-surrogates, draws. The runs themselves are kept, and become the first design of the new version's calibration.
+A user corrects a solver, and its completed runs remain valid. Rounds, surrogates and draws belong to the old version and are
+removed. The runs themselves are kept, and become the first design of the new version's calibration.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from structid.core.errors import StoreMismatchError
 from structid.core.journal import write_then_rename
 
 FIRST_DESIGN = "first_design.npy"
-"""Points with which a calibration begins, where these are not the planned ones."""
+"""File with the first points of a calibration, if they are not the planned points."""
 
 
 def first_design(
@@ -34,7 +34,7 @@ def first_design(
 
 
 def take_over(true: ModelRuns) -> None:
-    """Restart a stored calibration with its runs, whatever version of the model made them."""
+    """Restart a stored calibration with its runs if another version of the model made them."""
     folder = true.folder
     if folder is None or not _of_another_model(true):
         return

@@ -27,7 +27,7 @@ from structid.inference.sampling_result import THINNED_DRAWS, SamplingResult
 from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
-"""Spread of the log weights of a round's draws, and surrogate error of the log density, that promise a certificate."""
+"""Spread of a round's log weights, and surrogate error of the log density, below which a certificate is likely [nat]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,25 +39,24 @@ class Round:
     error: float  # mean relative error of the surrogate, by its own estimate
     fresh: int  # number of fresh draws of its posterior at which the model was run
     others: int  # number of further model runs
-    # Of the likelihood, up to which the surrogate was sure of its posterior; 1 for the posterior itself
+    # Exponent of the likelihood up to which the surrogate was certain of its posterior; 1 for the posterior itself
     exponent: float
-    # Standard deviation of the log density over the surrogate's own error, where the posterior is [nat]
+    # Standard deviation of the log density due to the surrogate error, averaged over the posterior [nat]
     deviation: float
-    # Standard deviation of the log weights of the fresh draws; infinite where a model run failed, or where there are
-    # none
+    # Standard deviation of the log weights of the fresh draws; infinite if a model run failed or without fresh draws
     spread: float
     failed: int  # number of fresh draws with a failed model run
     certificate: Certificate | None  # the certificate, if the round ended with one
     # log π_true/π_surrogate of the fresh draws, −∞ where the model run failed
     log_weights: Float[np.ndarray, " draw"] = field(repr=False)
-    # What each fresh draw counts in an average over the surrogate's posterior
+    # Weight of each fresh draw in an average over the surrogate's posterior
     shares: Float[np.ndarray, " draw"] = field(repr=False)
-    # Whether the fresh draws are those of the certificate before, each left out in turn: the round has run nothing
+    # Whether the fresh draws are the previous certificate's, each left out in turn; the round then made no model runs
     again: bool = False
 
     @property
     def promising(self) -> bool:
-        """Whether a certificate is worth its model runs, by the round's own plain draws."""
+        """Whether the round's own plain draws make a certificate likely."""
         judged_before_they_train = self.certificate is None and self.fresh > 0 and self.failed == 0
         return judged_before_they_train and self.spread <= PROMISING and self.deviation <= PROMISING
 
@@ -70,34 +69,34 @@ class Round:
         text = f"round {self.number + 1}: surrogate of {self.training} runs, "
         if self.fresh:
             which = "the same draws, each left out in turn" if self.again else "fresh draws of its posterior"
-            text += f"the model's log density is {self.spread:.2g} nats (sd) off its own at {self.fresh} {which}"
+            text += f"its log density differs from the model's by {self.spread:.2g} nats (sd) at {self.fresh} {which}"
         else:
-            text += f"not yet sure of its posterior (of the likelihood to the power of {self.exponent:.2g})"
+            text += f"not yet certain of its posterior, only up to the likelihood to the power of {self.exponent:.2g}"
         return text + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult(ShownAsText):
-    """A calibration and whether it may be believed.
+    """Result of a calibration, with its certificate.
 
     Parameters
     ----------
     sampling : SamplingResult
-        Draws of the posterior under the last surrogate, or of the model's own by delayed acceptance.
+        Draws of the posterior under the last surrogate, or of the model's own posterior by delayed acceptance.
     certificate : Certificate
-        Whether that posterior is the true model's.
+        Bounds on the difference between the surrogate's and the true model's posterior.
     rounds : tuple of Round
-        How it came about.
+        The rounds of the calibration, in order.
     posterior : Posterior
-        On the true model.
+        Posterior with the true model.
     surrogate : Surrogate
-        The last one.
+        The last surrogate.
     runs : Runs
         All model runs.
     error_model_choice : ErrorModelChoice or None
-        Which error model the data chose, where it was left to them.
+        Choice of the error model, if the data chose it.
     representation : Representation or None
-        Draws of the surrogate's posterior beside those of a second explorer.
+        Comparison of the draws of the surrogate's posterior with a second sampler.
     """
 
     sampling: SamplingResult = field(repr=False)
@@ -134,7 +133,7 @@ class CalibrationResult(ShownAsText):
 
     @property
     def exact(self) -> bool:
-        """Whether the draws are of the model's own posterior, whatever the certificate of the surrogate's."""
+        """Whether the draws follow the model's own posterior, for any verdict of the certificate."""
         return self.sampling.cost is not None
 
     @property
@@ -157,7 +156,7 @@ class CalibrationResult(ShownAsText):
         predictions : bool
             Include the groups that need simulations, which the surrogate makes.
         thinned : int, optional
-            How many draws every group has, the posterior included; see `SamplingResult.to_datatree`.
+            Number of draws in every group, the posterior included; see `SamplingResult.to_datatree`.
 
         Returns
         -------
@@ -167,18 +166,18 @@ class CalibrationResult(ShownAsText):
         return self.sampling.to_netcdf(path, predictions, thinned)
 
     def verdict(self) -> Verdict:
-        """Say whether the sampling has converged, and what speaks against the model and the error model.
+        """Assess the convergence of the sampling, and the evidence against the model and the error model.
 
         Returns
         -------
         Verdict
-            ``print`` it. The certificate is another question: see `certified`.
+            ``print`` it. The certificate is separate: see `certified`.
         """
         return self.sampling.verdict()
 
     @property
     def trusted(self) -> bool:
-        """Whether the numbers may be believed: certified, or converged draws of the model itself."""
+        """Whether the results are reliable: certified, or converged draws of the model itself."""
         return self.verdict().converged if self.exact else self.certified
 
     @property
@@ -212,7 +211,7 @@ class CalibrationResult(ShownAsText):
         Returns
         -------
         ndarray, shape (..., parameter)
-            In SI.
+            Quantiles in SI.
         """
         if self.reweighted:
             c = self.certificate
@@ -220,17 +219,17 @@ class CalibrationResult(ShownAsText):
         return self.sampling.quantile(p)
 
     def corrected(self, evidence: Evidence) -> Evidence:
-        """Evidence of the true model from that of its surrogate, Z_true = Z_surrogate E[π_true/π_surrogate].
+        """Evidence of the true model from its surrogate's evidence, Z_true = Z_surrogate E[π_true/π_surrogate].
 
         Parameters
         ----------
         evidence : Evidence
-            Under the surrogate.
+            Evidence under the surrogate.
 
         Returns
         -------
         Evidence
-            With the mean weight of the certificate's draws, and its error.
+            Evidence multiplied by the mean weight of the certificate's draws, including the error of this weight.
         """
         ratios, shares = self.rounds[-1].log_weights, self.rounds[-1].shares
         largest = ratios.max()
@@ -241,7 +240,7 @@ class CalibrationResult(ShownAsText):
 
     @property
     def log_evidence(self) -> Evidence | None:
-        """Log Z of the model, where the sampler estimates that of the surrogate."""
+        """Log Z of the model, if the sampler estimates the surrogate's log Z."""
         evidence = self.sampling.log_evidence
         return None if evidence is None else self.corrected(evidence)
 
@@ -249,21 +248,21 @@ class CalibrationResult(ShownAsText):
     def predict(
         self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> Prediction:
-        """Predict, on the measured record or another one: by the surrogate if it takes the record, else by the model itself.
+        """Predict the response to the measured or another record, by the surrogate if it takes the record, else by the model.
 
         Parameters
         ----------
         record : Excitation, optional
-            Another record; the first measured one when left out.
+            Another record; by default the first measured record.
         channels : tuple of str, optional
-            What to predict; what was measured when left out.
+            Channels to predict; by default the measured channels.
         **settings
             ``draws``, ``seed``, ``progress``; see `prediction.predict`. The draws are the sampler's, which are not re-weighted.
 
         Returns
         -------
         Prediction
-            Draws of the response with and without discrepancy, bands, peaks.
+            Draws of the response with and without errors, bands, peaks.
         """
         assert isinstance(self.sampling.target, Posterior)
         theta = self.sampling.thinned(settings.pop("draws", THINNED_DRAWS))
@@ -271,12 +270,12 @@ class CalibrationResult(ShownAsText):
         return predict(by, theta, record, channels, drift=self.sampling.drift, **settings)
 
     def summary(self) -> Summary:
-        """Give moments, quantiles and diagnostics as a table, re-weighted where the certificate asks for it.
+        """Return moments, quantiles and diagnostics as a table, re-weighted if the certificate requires it.
 
         Returns
         -------
         Summary
-            In display units.
+            Table in display units.
         """
         table = self.sampling.summary()
         if not self.reweighted:

@@ -1,10 +1,10 @@
 """Cross-validation of a surrogate by the draws of a refused certificate, which costs no model run.
 
-The draws train the next surrogate, and assess it in groups, each left out in turn. A surrogate is fitted to all runs except one
-group of draws, and evaluated at these, which it has not seen, as a certificate requires. Its posterior q₍₎ differs slightly from
-that of the surrogate fitted to all, q; the difference is known without a model run. With log π/q = log π/q₍₎ + log q₍₎/q, the
-variation of π/q is at most the sum of both, to first order. This holds for every group, and so for averages over the groups: the
-root mean square of the variations of π/q₍₎, which all draws together estimate, and the mean of those of q₍₎/q.
+The draws train the next surrogate and assess it in groups; each group is left out in turn. A surrogate is fitted to all runs
+except one group of draws and evaluated at this group, since a certificate requires unseen draws. Its posterior q₍₎ differs
+slightly from the posterior q of the surrogate fitted to all runs; this difference needs no model run. To first order, the
+variation of π/q is at most the sum of the variations of π/q₍₎ and q₍₎/q. This also holds for averages over the groups: the root
+mean square of the variations of π/q₍₎, which all draws together estimate, and the mean of the variations of q₍₎/q.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 
 COMPARED = 1000
-"""Draws at which the posteriors of two surrogates are compared."""
+"""Number of draws at which the posteriors of two surrogates are compared."""
 
 Left = Callable[[np.ndarray], Posterior]
 """Returns the posterior of a surrogate fitted to all runs except some draws, given by their indices."""

@@ -16,16 +16,16 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.surrogates.base import Surrogate
 
 SAMPLED_RESPONSES = 8
-"""Responses drawn from the surrogate error at each point, for the variance of the log density."""
+"""Number of responses drawn from the surrogate error at each point, for the variance of the log density."""
 
 PARTICLES_ASKED = 64
-"""Particles of a tempering step at which that is evaluated."""
+"""Number of particles of a tempering step at which this variance is evaluated."""
 
 SMALLEST_EXPONENT = 1e-300
-"""Exponent of the prior where exponents are compared by their logarithms."""
+"""Exponent assigned to the prior when exponents are compared by their logarithms."""
 
 LARGEST_VARIANCE = 1.0
-"""Variance of a tempered log density over the surrogate error above which draws of it reflect mostly that error."""
+"""Variance of a tempered log density due to the surrogate error above which its draws mostly reflect this error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Exploration:
 
     posterior: Posterior  # under the surrogate
     surrogate: Surrogate  # its model
-    # All blocks of the sampler: stages with rising exponent of the likelihood, then moves of the posterior
+    # All blocks of the sampler: tempering steps with rising exponent of the likelihood, then moves in the posterior
     blocks: Sequence[Block]
 
     @cached_property
@@ -62,7 +62,7 @@ class Exploration:
         """Choose random particles of a block without repetition."""
         phi = self.particles(block)
         phi = phi[rng.permutation(len(phi))]
-        # Particles that were drawn twice and have not moved since are one: a point is run once.
+        # Copies of a particle that have not moved count as one particle, since a point is run once.
         first = np.sort(np.unique(phi, axis=0, return_index=True)[1])
         return np.asarray(phi[first[:count]])
 
@@ -78,7 +78,7 @@ class Exploration:
         return float(np.max(last - self.posterior.bijection(self.particles())[1]))
 
     def share_of_tempered(self, phi: Float[np.ndarray, "run parameter"], block: int) -> Float[np.ndarray, " run"]:
-        """Ratio of a tempered posterior's density to the posterior's, both normalised."""
+        """Ratio of the densities of a tempered posterior and the posterior, both normalised."""
         untempered = 1.0 - self.exponents[block]
         of_block, of_last = (self.blocks[b]["likelihood"][-1].ravel() for b in (block, -1))
         ratio, _ = bennett_ratio(untempered * of_block, untempered * of_last)
@@ -91,7 +91,7 @@ class Exploration:
         theta = np.asarray(self.posterior.model_parameters(self.draws()))
         return float(np.mean(self.surrogate.outside(theta)))
 
-    # --- how sure the surrogate is --------------------------------------------------------------------------------
+    # --- certainty of the surrogate -------------------------------------------------------------------------------
 
     @cached_property
     def trusted(self) -> int:
@@ -110,25 +110,25 @@ class Exploration:
 
     @cached_property
     def deviation(self) -> float:
-        """Standard deviation of the log density over the surrogate error, averaged over the posterior [nat]."""
+        """Standard deviation of the log density due to the surrogate error, averaged over the posterior [nat]."""
         return float(np.sqrt(self.variance()))
 
     def variance(self, block: int = -1) -> float:
-        """Mean variance of the log density over the surrogate error, at particles of a block."""
+        """Mean variance of the log density due to the surrogate error, at particles of a block."""
         phi = self.particles(block)
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
     def variance_at(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Variance of the log density over the surrogate error, at points."""
+        """Variance of the log density due to the surrogate error, at points."""
         return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
 
 
 def variance_by_the_surrogate(
     posterior: Posterior, surrogate: Surrogate, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, " run"]:
-    """Variance of the log density over responses drawn from a surrogate's error, at points."""
-    rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
+    """Variance of the log density among responses drawn from a surrogate's error, at points."""
+    rng = stream(0, Purpose.SURROGATE_ERROR)  # the same stream at every call, so that points can be compared
     parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
     rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
     responses = [surrogate.sampled(parameters, o.record, rng) for o in posterior.observations]

@@ -30,11 +30,11 @@ MORE_CAREFUL = (
     replace(USUAL_SAMPLER, particles=1000, effective_share=0.7, correlation=0.1, most_moves=100, steps=150),
     replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
 )
-"""Samplers that follow while draws have not converged: along a narrow ridge particles move slowly. If they move too little in
-a tempering step, they reach equilibrium in the end, but evidence is lost, and the second sampler disagrees."""
+"""Further samplers while draws have not converged: particles move slowly along a narrow ridge. If they move too little in a
+tempering step, they reach equilibrium in the end, but evidence is lost, and the second sampler disagrees."""
 
 ASKED = 64
-"""Draws at which the surrogate error is evaluated."""
+"""Number of draws at which the surrogate error is evaluated."""
 
 NOT_YET_LONGEST = 4
 """Factor on the steps of a second sampler that disagrees, if a more careful sampler follows."""
@@ -49,14 +49,14 @@ class FinalDraws:
 
     sampling: SamplingResult = field(repr=False)  # the draws
     representation: Representation  # comparison with a second sampler
-    # Some of them, in SI, at which the surrogate does not know its own density. One of few runs may make a mode up
-    # where there are none, higher than the true one
+    # Some of the draws, in SI, at which the surrogate's density is unreliable. A surrogate of few runs may have a false mode
+    # away from the runs, higher than the true mode
     made_up: Float[np.ndarray, "draw parameter"] = field(repr=False)
 
     @property
     def failures(self) -> tuple[str, ...]:
         """Evidence against the draws, one sentence each; empty where there is none."""
-        unsure = ["the surrogate does not know its own density at these draws: it may have made a mode up"]
+        unsure = ["the surrogate's density is unreliable at these draws: it may have a false mode there"]
         return (
             *self.sampling.failures,
             *self.representation.failures,
@@ -74,7 +74,7 @@ def final_draws(
     folder: Path | None,
     report: Progress,
 ) -> FinalDraws:
-    """Draw from a surrogate's posterior until the draws converge and a second sampler agrees, with more work at each try."""
+    """Draw from a surrogate's posterior until the draws converge and a second sampler agrees, with more work at each attempt."""
     with tempfile.TemporaryDirectory() as scratch:
         where = Path(scratch) if folder is None else folder
         tried = _one_after_another(sampler)
@@ -86,7 +86,7 @@ def final_draws(
                 continue
             errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
-            # What is made up need not be explored to the end, and where a more careful sampler is left, it comes first.
+            # A false mode need not be sampled to convergence, and a more careful sampler comes first if one is left.
             longest = 1 if len(made_up) else LONGEST if last else NOT_YET_LONGEST
             comparison = _beside(under, drawn, starts, seed, again, longest, where / f"beside_{number}.journal")
             draws = FinalDraws(drawn, comparison, made_up)
@@ -124,6 +124,6 @@ def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler, SMC]
 
 
 def _longer(sampler: Sampler, times: int) -> Sampler:
-    """The same sampler with a multiple of its steps."""
+    """The sampler with a multiple of its steps."""
     longer: Any = sampler
     return cast(Sampler, replace(longer, steps=times * sampler.steps))

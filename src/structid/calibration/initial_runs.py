@@ -1,4 +1,4 @@
-"""The first runs of a calibration; more of the same design while too many have failed for a surrogate."""
+"""First runs of a calibration; the design is extended while too many runs have failed for a surrogate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from structid.surrogates.base import SurrogateSettings
 def make_first_runs(
     true: ModelRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
 ) -> None:
-    """Run the first design, and more of the same points while too many have failed for a surrogate."""
+    """Run the first design, and extend it while too many runs have failed for a surrogate."""
     true.make()
     true.refuse_hopeless()
     while left(len(true)) >= FEWEST_IN_A_BATCH and not _fit_for_a_surrogate(true, settings):
@@ -31,7 +31,7 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: ModelRuns) -> None:
-    """Warn about the measurements, and about their comparison with all first runs: a wrong unit, sign or clock."""
+    """Warn about the measurements, and about their comparison with all first runs: a wrong unit, sign or time base."""
     finished = np.flatnonzero(true.finished)
     from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
     for observation, responses in zip(true.observations, true.responses(), strict=True):
@@ -41,9 +41,7 @@ def warn_of_mistakes(true: ModelRuns) -> None:
         questions = next(in_turn, {})
         for others in in_turn if questions else ():
             questions = {what: question for what, question in questions.items() if what in others}
-        nearest = (
-            f"All of the first {len(finished)} runs say so; these figures are of that nearest to the priors' medians."
-        )
+        nearest = f"All of the first {len(finished)} runs show this; the values are from the run nearest to the priors' medians."
         for question in questions_of_the_measurement(observation, true.model.channel_units):
             warnings.warn(question, UnlikeMeasuredWarning, stacklevel=5)
         for question in questions.values():

@@ -20,33 +20,33 @@ AHEAD = 100.0
 regions is often good in the small one that matters."""
 
 SCOUTS, MOST_SCOUTS = 4000, 2
-"""Draws of the prior among which points beyond all runs are sought, and their largest number in a batch."""
+"""Number of prior draws searched for points beyond all runs, and largest number of such points in a batch."""
 
 PLAUSIBLE = 25.0
 """Depth below the highest posterior density to which the density at the edge of the runs may fall, for a search beyond it
-[nat]. A surrogate knows nothing far outside, and a density that falls to this at the edge may rise again."""
+[nat]. A surrogate is unreliable far outside its runs, and a density that falls to this value may rise again."""
 
 POPULATION = 4000
 """Largest number of draws used for a certificate's statement."""
 
 CANDIDATES = 200
-"""Draws among which the surrogate error is compared."""
+"""Number of draws among which the surrogate error is compared."""
 
 TEMPERED_SHARE = 1.0 / 3.0
 """Fraction of a certificate's draws that are tempered: plain draws rarely reach beyond a posterior that is too narrow."""
 
 TEMPERATURE = 0.5
-"""Exponent of the likelihood for those: √2 times as wide as the posterior."""
+"""Exponent of the likelihood for tempered draws, which are √2 times as wide as the posterior."""
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
     """Points of model runs."""
 
-    # Draws of the surrogate's posterior or wider ones, discrepancy parameters included, in SI
+    # Draws of the surrogate's posterior or of a wider density, including error-model parameters, in SI
     fresh: Float[np.ndarray, "draw parameter"]
     log_surrogate: Float[np.ndarray, " draw"]  # their log density under the surrogate
-    # What each counts in an average over the surrogate's posterior; one for plain draws
+    # Weight of each draw in an average over the surrogate's posterior; one for plain draws
     shares: Float[np.ndarray, " draw"]
     others: Float[np.ndarray, "point model_parameter"]  # further points of the model's parameters, in SI
     population: Float[np.ndarray, "particle parameter"]  # many draws of the surrogate's posterior, in SI
@@ -73,7 +73,7 @@ class Batch:
 
 
 def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, rng: np.random.Generator) -> Batch:
-    """Choose the draws of a certificate: plain ones, and a fraction of tempered ones."""
+    """Choose the draws of a certificate: plain draws, and a fraction of tempered draws."""
     stage = explored.nearest(TEMPERATURE)
     wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
     rows = rng.permutation(np.unique(drawn.flat, axis=0, return_index=True)[1])[: count - len(wide)]
@@ -94,7 +94,7 @@ def next_batch(
     rng: np.random.Generator,
     made_up: Float[np.ndarray, "draw parameter"] | None = None,
 ) -> Batch:
-    """Choose a batch that improves the surrogate near its posterior, as far as the surrogate knows it."""
+    """Choose a batch that improves the surrogate near its posterior, as far as the surrogate is certain of it."""
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
     posterior = explored.posterior
@@ -118,9 +118,9 @@ def next_batch(
 
 
 def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the prior beyond all runs where a mode could be: those with a high density at the edge.
+    """Draws of the prior beyond all runs where a mode could be, that is, with a high density at the edge of the runs.
 
-    Their error models have the parameters that the posterior gives to them.
+    Their error-model parameters come from the posterior.
     """
     posterior, dimension = explored.posterior, explored.posterior.model_space.dimension
     prior = posterior.bijection(posterior.initial(SCOUTS, rng))[0][:, :dimension]
@@ -132,7 +132,7 @@ def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.nda
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
-    """Points of a tempered posterior well ahead of the last one of which the surrogate is certain."""
+    """Points of a tempered posterior with an exponent well above the last for which the surrogate is certain."""
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
     ahead = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
@@ -145,7 +145,7 @@ def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.ra
 
 
 def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: np.ndarray) -> Batch:
-    """Fresh draws, given in unconstrained coordinates, and others."""
+    """Batch of fresh draws, given in unconstrained coordinates, and further points."""
     theta, _ = explored.posterior.bijection(phi)
     density = explored.log_density(phi) if len(phi) else np.empty(0)
     return Batch(theta, density, shares, others, explored.draws(), explored.highest)

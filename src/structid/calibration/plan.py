@@ -17,46 +17,46 @@ from structid.probability.designs import Design
 from structid.surrogates.base import SurrogateSettings
 
 FIRST_DESIGN = (2, 2)
-"""Points of a first design, and additional ones per parameter."""
+"""Points of a first design, and additional points per parameter."""
 
 FEWEST = 10
 """Minimum number of points of a first design."""
 
 IN_A_ROUND, FURTHER, AMONG = 10, 4, 4
-"""Points in a round, and additional ones for each parameter above a number of parameters."""
+"""Points in a round, and additional points for each parameter above a number of parameters."""
 
 ENLARGED = 1.25
 """Factor by which a first design grows until a surrogate can be fitted to it."""
 
 FEWEST_IN_A_BATCH = 4
-"""Smallest batch before the last certificate that is worth a round."""
+"""Smallest batch that makes a round before the last certificate."""
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Plan:
-    """How model runs are spent.
+    """The budget of model runs and its use.
 
     Parameters
     ----------
     true_runs : int
-        Largest number of parameter points at which the true model is run, including those of the certificate. Each is run on
+        Largest number of parameter points at which the true model is run, including the certificate's points. Each is run on
         every record.
     start : int, optional
-        Points of the first design. When left out, two and two for each parameter, at least ten, or as many as the surrogate asks
-        for.
+        Points of the first design. By default two plus two for each parameter, at least ten, or as many as the surrogate
+        requires.
     batch : int, optional
-        Points added in each round. When left out, ten for up to four parameters, and four more for each further one. Who can run
-        many at once may ask for as many: fewer rounds, and more runs. With less than half of that a surrogate of many parameters
-        may never come near the posterior.
+        Points added in each round. By default ten for up to four parameters, and four more for each further parameter. If many
+        runs can be made at once, a larger batch takes fewer rounds but more runs. With less than half of the default, a surrogate
+        of many parameters may never come near the posterior.
     certificate : int
         Fresh draws for a certificate, a third of them tempered.
     widen : float
-        How much further than the prior the first design reaches, in normal scores.
+        Reach of the first design relative to the prior, in normal scores.
     limits : Limits
-        What the certificate must meet.
+        Limits that the certificate must meet.
     explorer : SMC
-        Explores the surrogate's posterior in each round.
+        Sampler that explores the surrogate's posterior in each round.
 
     Examples
     --------
@@ -92,28 +92,28 @@ class Plan:
             raise InputError(
                 "calibrate(true_runs)",
                 f"{self.true_runs}",
-                f"{start + self.certificate} or more: {start} of the first design and {self.certificate} of a certificate",
+                f"{start + self.certificate} or more: {start} for the first design and {self.certificate} for a certificate",
             )
 
     def sized(self, posterior: Posterior, settings: SurrogateSettings) -> Plan:
-        """Give numbers to what was left open.
+        """Fill in the numbers that were left open.
 
         Parameters
         ----------
         posterior : Posterior
-            What is calibrated.
+            Posterior to calibrate.
         settings : PODKriging, PODPCE, PCNARX or KrigingNARX
-            Of the surrogate.
+            Settings of the surrogate.
 
         Returns
         -------
         Plan
-            With the points of the first design and of each round.
+            Plan with the points of the first design and of each round.
 
         Raises
         ------
         InputError
-            If that leaves no room for a certificate.
+            If the budget has no runs left for a certificate.
         """
         dimension = posterior.model_space.dimension
         points, each = IN_A_ROUND + FURTHER * max(dimension - AMONG, 0), FIRST_DESIGN[1] * dimension
@@ -152,12 +152,12 @@ class Plan:
         return (self.true_runs - start - self.certificate) // batch
 
     def describe(self) -> dict[str, Any]:
-        """Settings that decide the points: all except how many there may be.
+        """Settings that determine the points: all except the budget.
 
         Returns
         -------
         dict
-            For hashes; a calibration with more model runs continues the same one.
+            For hashes; a calibration with a larger budget continues the stored calibration.
         """
         return {
             "start": self.start,

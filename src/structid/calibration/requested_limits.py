@@ -1,4 +1,4 @@
-"""The limits requested of a stored calibration's certificates, since other limits mean a further look."""
+"""The limits requested of a stored calibration's certificates, since other limits count as a further attempt."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ FILE = "limits.json"
 
 
 def earlier_limits(folder: Path | None, limits: Limits) -> int:
-    """Count the other limits requested before these, and store these.
+    """Count the different limits requested earlier, and store the given limits.
 
-    A certificate that is refused, and then granted with relaxed limits, has been looked at twice.
+    A certificate that is refused, and then issued with relaxed limits, took two attempts.
     """
     if folder is None:
         return 0

@@ -1,4 +1,4 @@
-"""Weights of model runs by how near they are to the posterior: by a tempered posterior, π^τ."""
+"""Weights of model runs by their closeness to the posterior, from a tempered posterior, π^τ."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ LEAST = 1e-2
 
 
 def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"]:
-    """Weight runs for the fit of a NARX, w = max(π^τ, `LEAST`), so that half of them count.
+    """Weight runs for the fit of a NARX, w = max(π^τ, `LEAST`), so that half of them count effectively.
 
-    A NARX with few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than
-    one that errs equally everywhere.
+    A NARX with few terms cannot be exact over the whole prior. A NARX that errs only where the probability is negligible is
+    better than a NARX that errs equally everywhere.
     """
     finite = np.isfinite(log_density)
     if not finite.any():
@@ -32,9 +32,9 @@ def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"
 def tempered_weights(
     log_density: Float[np.ndarray, " run"], share: float, least: float = 0.0, lowest: float = -50.0
 ) -> tuple[float, Float[np.ndarray, " run"]]:
-    """Weights w = max(π^τ, `least`) with the largest exponent τ ≤ 1 for which a share of the runs counts.
+    """Weights w = max(π^τ, `least`) with the largest exponent τ ≤ 1 for which a share of the runs counts effectively.
 
-    The exponent comes first; log τ is searched from `lowest` on.
+    Returns τ and the weights; log τ is searched from `lowest` upwards.
     """
     finite = np.isfinite(log_density)
     below = np.where(finite, log_density - log_density[finite].max(), -np.inf)

@@ -1,4 +1,4 @@
-"""The sequential loop: design → surrogate → posterior → model runs where the posterior is → … → certificate."""
+"""The sequential loop: design → surrogate → posterior → model runs in its region → … → certificate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
 from structid.certification.certificate import issue_certificate
 from structid.certification.fresh_draws import DensityDifference, FreshDraws, StoredRuns
-from structid.certification.model_runs import ModelRuns, Tell, noise_doubts
+from structid.certification.model_runs import ModelRuns, ReportActivity, noise_doubts
 from structid.core.errors import InputError
 from structid.core.hashing import digest
 from structid.core.journal import Journal
@@ -52,8 +52,8 @@ LARGEST_OUTSIDE = 0.01
 """Largest fraction of the posterior outside the range of the runs, where a surrogate extrapolates, for a certificate."""
 
 SURE = 0.035
-"""Standard deviation of the log density over the surrogate error below which a look is worthwhile, whatever the last round
-showed [nat]: that round's draws train this surrogate."""
+"""Standard deviation of the log density due to the surrogate error below which a certificate is attempted [nat]. The last round's
+spread does not matter then, since its draws train this surrogate."""
 
 Entry = dict[str, np.ndarray]
 """A stored round."""
@@ -76,17 +76,17 @@ def calibrate(
     store: str | os.PathLike[str] | None = None,
     adopt: bool = False,
     executor: Any = None,
-    progress: Tell | None = None,
+    progress: ReportActivity | None = None,
 ) -> CalibrationResult:
     """Calibrate a model with a surrogate that is improved where the posterior is, until model runs certify it.
 
-    A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempered
-    stages. The model is then run at draws of this posterior, at points where the surrogate is least sure, and at tempered draws.
-    All these runs train the next surrogate. Beside a NARX, which reproduces none of its runs exactly, a POD-Kriging responds
-    to the records of the observations; see `CorrectedNARX`. When the
-    importance weights of the plain draws are nearly equal, the surrogate's posterior is sampled until the draws have converged and
-    a second explorer agrees with them. The next round then spends `Plan.certificate` model runs on a `Certificate`: at fresh draws
-    of these, a third of them tempered. If it fails, they too train the next surrogate, and judge it, each left out in turn.
+    A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempering
+    steps. The model is then run at draws of this posterior, at points where the surrogate is least certain, and at tempered draws.
+    All these runs train the next surrogate. Since a NARX reproduces none of its runs exactly, a POD-Kriging surrogate beside it
+    responds to the records of the observations; see `CorrectedNARX`. When the importance weights of the plain draws are nearly
+    equal, the surrogate's posterior is sampled until the draws have converged and a second sampler agrees with them. The next
+    round then spends `Plan.certificate` model runs on a `Certificate`, at fresh draws, a third of them tempered. If it fails,
+    these runs also train the next surrogate, and assess it when each is left out in turn.
 
     Parameters
     ----------
@@ -95,30 +95,30 @@ def calibrate(
     space : ParameterSpace
         Its unknown parameters and their priors.
     observations : Observation or sequence of Observation
-        What was measured.
+        The measurements.
     surrogate : PODKriging, PODPCE, PCNARX or KrigingNARX, optional
-        Settings of the surrogate; `PODKriging` when left out.
+        Settings of the surrogate; by default `PODKriging`.
     discrepancy : Discrepancy or "auto", optional
-        The error model; independent errors when left out. ``"auto"`` lets the data choose
+        The error model; by default independent errors. ``"auto"`` lets the data choose
         one by its evidence as soon as the surrogate is good enough near the posterior; see `structid.choose_error_model`.
     true_runs : int
-        Budget of model runs, including those of the certificate. With several records, each point counts once.
+        Budget of model runs, including the certificate's runs. With several records, each point counts once.
     plan : Plan, optional
-        Everything else about how they are spent. If given, its own budget replaces `true_runs`.
+        All further settings of the budget. If given, its own budget replaces `true_runs`.
     sampler : Sampler, optional
-        Draws from the surrogate's posterior that is certified; `SMC` when left out, with more particles and moves if it has not
+        Sampler of the certified surrogate posterior; by default `SMC`, with more particles and moves if it has not
         converged. `DelayedAcceptance` draws from the model's own posterior, at the cost of further model runs.
     seed : int
         Seed.
     store : path-like, optional
-        A folder for model runs, rounds and draws. A killed calibration continues from it, and so does one with a larger budget.
+        Folder for model runs, rounds and draws. An interrupted calibration, or one with a larger budget, continues from it.
     adopt : bool
-        Keep the stored runs of another version of the model, which is an error otherwise: a solver was mended, and its finished
-        runs are right. They are the first design; what failed is run again, and rounds and draws are made anew.
+        Keep the stored runs of another version of the model, which otherwise raises an error: for a corrected solver whose finished
+        runs are valid. They become the first design. Failed runs are repeated, and rounds and draws are made anew.
     executor : optional
-        Where an external model's runs are done; see `Campaign.run`.
+        Executor of an external model's runs; see `Campaign.run`.
     progress : callable, optional
-        Called with what is being done, how much of it is done, and the total.
+        Called with the current activity, the amount done, and the total.
 
     Returns
     -------
@@ -135,12 +135,12 @@ def calibrate(
     Warns
     -----
     StructidWarning
-        If the first runs are not like the measurements: many times larger or smaller, mainly at another frequency, with the sign
-        reversed, or late. A unit is probably wrong.
+        If the first runs are unlike the measurements: many times larger or smaller, mainly at another frequency, with the sign
+        reversed, or shifted in time. A unit is then probably wrong.
 
     Notes
     -----
-    What each round has found is logged: ``logging.basicConfig(level=logging.INFO)`` shows it.
+    The result of each round is logged; ``logging.basicConfig(level=logging.INFO)`` prints it.
 
     Examples
     --------
@@ -155,7 +155,7 @@ def calibrate(
             "calibrate(discrepancy)",
             f"{error_model.describe()['kind']}, whose errors are inside the model",
             "errors that are added to the response: iid, ar1, matern32, damped_cosine",
-            "A surrogate stands for the model as it is. Sample the model itself: structid.sample, or a study without a surrogate.",
+            "A surrogate does not include these errors. Sample the model itself: structid.sample, or a study without a surrogate.",
         )
     with kept_open(model, executor) as workers:
         loop = _Loop(
@@ -196,7 +196,7 @@ class _Loop:
         folder: Path | None,
         adopt: bool,
         executor: Any,
-        progress: Tell | None,
+        progress: ReportActivity | None,
     ) -> None:
         self.posterior, self.settings, self.sampler = posterior, settings, sampler
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
@@ -270,18 +270,18 @@ class _Loop:
         if path is not None and path.is_file():
             surrogate = load_surrogate(path)
         else:
-            surrogate, _ = self._fits(self._told("fitting the surrogate")).fit(
+            surrogate, _ = self._fits(self._progress_of("fitting the surrogate")).fit(
                 np.arange(len(self.true)), self.surrogate
             )
             if path is not None:
                 surrogate.save(path)
-        surrogate.trust()  # the certificate judges it
+        surrogate.trust()  # the certificate assesses it
         self.before, self.surrogate = self.surrogate, surrogate
         return surrogate
 
-    def _fits(self, told: Progress) -> SurrogateFits:
-        """The data for surrogate fits at this moment."""
-        return SurrogateFits(self.settings, self.posterior, self.true, self.last, told)
+    def _fits(self, progress: Progress) -> SurrogateFits:
+        """The current data for surrogate fits."""
+        return SurrogateFits(self.settings, self.posterior, self.true, self.last, progress)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
@@ -290,7 +290,7 @@ class _Loop:
         explored = self._explored(number, surrogate)
         promising = self._promising(explored)
         due = last_chance or promising
-        # What was chosen because the budget was spent, by a surrogate that may be bad, is chosen again when there is more.
+        # A choice made because the budget was spent, by a possibly poor surrogate, is repeated with a larger budget.
         chosen = not self.settled and (promising or (last_chance and self.choice is None))
         self.settled = self.settled or (chosen and promising)
         if chosen and not self._choose_error_model(number, surrogate):
@@ -318,11 +318,11 @@ class _Loop:
         return bool(self.rounds) and self.rounds[-1].to_be_judged_again
 
     def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, DensityDifference]:
-        """The last certificate's draws, each assessed by a surrogate that has not seen it."""
+        """The last certificate's draws, each assessed by a surrogate fitted without it."""
         assert self.last is not None
         everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
-        fits = self._fits(self._told("fitting surrogates without some runs"))
-        # The form is that which all runs have chosen. The search begins at a surrogate that has not seen these draws either.
+        fits = self._fits(self._progress_of("fitting surrogates without some runs"))
+        # All runs choose the form. The search begins at a surrogate that was also fitted without these draws.
         _, form = fits.fit(everything, self.before)
 
         def without(places: np.ndarray) -> Posterior:
@@ -334,7 +334,7 @@ class _Loop:
 
     def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
-        progress = self._told("exploring its posterior")
+        progress = self._progress_of("exploring its posterior")
         under, seed = self.posterior.on(surrogate), derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), progress)
         return Exploration(under, surrogate, blocks)
@@ -345,13 +345,13 @@ class _Loop:
             folder = None if self.folder is None else self.folder / f"draws_{number}"
             sampler = None if self.sampler is not None and self.sampler.exact else self.sampler
             seed = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING)
-            points, report = self.true.points[:training], self._told("sampling")
+            points, report = self.true.points[:training], self._progress_of("sampling")
             under = self.posterior.on(surrogate)
             self.final = number, final_draws(under, surrogate, sure, points, sampler, seed, folder, report)
         return self.final[1]
 
     def _promising(self, explored: Exploration) -> bool:
-        """Whether a certificate is worth its model runs, by the plain draws of the last round or by the surrogate error."""
+        """Whether a certificate is likely, by the plain draws of the last round or by the surrogate error."""
         if not self.rounds or self.rounds[-1].certificate is not None or not self.rounds[-1].fresh:
             return False
         return self.rounds[-1].promising or bool(explored.sure and explored.deviation <= SURE)
@@ -361,7 +361,7 @@ class _Loop:
         return self._left(training) >= FEWEST_IN_A_BATCH
 
     def _left(self, training: int) -> int:
-        """Model runs that no certificate needs; an external solver repeats one for each."""
+        """Model runs left besides a certificate; an external solver repeats one run for each certificate."""
         of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
         return self.plan.true_runs - training - self.twice - of_a_certificate
 
@@ -369,7 +369,7 @@ class _Loop:
         """Let the data choose the error model by an accurate surrogate; returns whether it is unchanged."""
         folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.error_model
         seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
-        report = self._told("choosing the error model")
+        report = self._progress_of("choosing the error model")
         self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=report, store=folder)
         self.posterior = self.posterior.on(error_model=self.choice.posterior.error_model)
         return self.posterior.error_model.describe() == before.describe()
@@ -434,9 +434,9 @@ class _Loop:
         assert last.certificate is not None
         final = self._final_draws(number, surrogate, last.training, last.exponent == 1.0)
         sampler, drawn = self.sampler, replace(final.sampling, certified=last.certificate.certified)
-        if sampler is not None and sampler.exact:  # draws of the model's own posterior, whatever the certificate says
+        if sampler is not None and sampler.exact:  # draws of the model's own posterior, for any verdict
             chains = None if self.folder is None else self.folder / f"exact_{number}.h5"
-            seed, progress = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self._told("exact sampling")
+            seed, progress = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self._progress_of("exact sampling")
             with run_map(self.posterior.model, self.executor) as map_of_runs:
                 target = self.posterior.mapped_by(map_of_runs)
                 drawn = sample(target, sampler.proposing_by(surrogate), seed, chains, progress=progress)
@@ -453,9 +453,9 @@ class _Loop:
             final.representation,
         )
 
-    def _told(self, what: str) -> Progress:
-        def tell(done: int, total: int) -> None:
+    def _progress_of(self, what: str) -> Progress:
+        def report(done: int, total: int) -> None:
             if self.progress is not None:
                 self.progress(what, done, total)
 
-        return tell
+        return report

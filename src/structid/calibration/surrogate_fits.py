@@ -19,7 +19,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.surrogates.base import Surrogate, SurrogateSettings
 
 DISCREPANCY_DRAWS = 32
-"""Draws of the error model's parameters among which each stored run takes the most suitable one."""
+"""Number of draws of the error model's parameters, of which each stored run takes the most suitable draw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class SurrogateFits:
     posterior: Posterior  # posterior with the measurements
     true: ModelRuns  # all model runs
     last: Batch | None  # batch of the last round, near the posterior; None before the first
-    told: Progress  # called with the percentage of a fit that is done, and 100
+    progress: Progress  # called with the percentage of a fit that is done, and 100
 
     def fit(
         self,
@@ -38,9 +38,9 @@ class SurrogateFits:
         start: Surrogate | None,
         forms: Sequence[SurrogateSettings] | None = None,
     ) -> tuple[Surrogate, SurrogateSettings]:
-        """Fit the best of some forms to the runs of some points.
+        """Fit several forms to the runs of some points, and return the best.
 
-        Where the kind supports it, the fit starts from another surrogate, and gives more weight to runs near the posterior.
+        If the kind supports it, the fit starts from another surrogate, and gives more weight to runs near the posterior.
         """
         forms = getattr(self.settings, "forms", (self.settings,)) if forms is None else forms
         runs = self.true.of_points(points)
@@ -54,7 +54,7 @@ class SurrogateFits:
             further["weights"] = np.repeat(near[points], len(self.true.records))
         candidates: list[Any] = []
         for form in forms:
-            candidates.append(cast(Any, form).fit(runs, self.told, **further))
+            candidates.append(cast(Any, form).fit(runs, self.progress, **further))
             if getattr(form, "shares", False):
                 further["start"] = candidates[0]
         if self.last is None or len(candidates) == 1:
@@ -66,13 +66,13 @@ class SurrogateFits:
 
     @cached_property
     def _densities(self) -> tuple[np.ndarray, np.ndarray]:
-        """Densities at all runs, which show how close these are to the posterior; the same for all fits."""
+        """Densities at all runs, which show how close the runs are to the posterior; the same for all fits."""
         assert self.last is not None
         return best_densities(self.posterior, self.true, self.last)
 
 
 def best_densities(posterior: Posterior, true: ModelRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-    """Densities at all model runs, each with the most suitable among some draws of the error model's parameters."""
+    """Densities at all model runs, each with the most suitable of several draws of the error model's parameters."""
     points, error_parameters = true.points, batch.of_the_errors(posterior.model_space.dimension, DISCREPANCY_DRAWS)
     given = posterior.given(true.responses())
     best = np.full(len(points), -np.inf)

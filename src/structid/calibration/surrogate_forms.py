@@ -22,7 +22,7 @@ class KnowsItsErrors(Protocol):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run of the fit from all others."""
+        """Predict each run of the fit from all other runs."""
 
 
 def best_near_the_posterior(
@@ -46,7 +46,7 @@ def error_near_the_posterior(
 ) -> float:
     """Leave-one-out error of the tempered log density, weighted by the tempered posterior.
 
-    The surrogate that errs least over the whole prior is not the one that errs least near the posterior.
+    The most accurate surrogate over the whole prior is not the most accurate surrogate near the posterior.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
     responses = [
@@ -63,7 +63,7 @@ def error_near_the_posterior(
 
 
 def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:
-    """Responses of some runs at their positions among all, NaN elsewhere."""
+    """Responses of some runs at their positions among all runs, NaN elsewhere."""
     everywhere = np.full((len(ran), *values.shape[1:]), np.nan)
     everywhere[ran] = values
     return everywhere

@@ -1,1 +1,1 @@
-"""Campaigns of model runs: the loop over the runs, the executors, the crash-safe store."""
+"""Campaigns of model runs: the loop over the runs, the executors, and a store that survives a crash."""

@@ -1,4 +1,4 @@
-"""Executors of runs behind one interface: serial, local processes, any executor of `concurrent.futures`, a Dask cluster."""
+"""Common interface to executors of runs: serial, local processes, `concurrent.futures` executors, a Dask cluster."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ CONNECTION_LIMIT = 8.0
 """Longest time in which a scheduler must answer [s]."""
 
 RECOUNT = 1.0
-"""Time after which the workers of a cluster are counted again, because their number changes [s]."""
+"""Time after which the workers of a cluster are counted again, because their number may change [s]."""
 
 ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concurrent.futures.Executor or a dask Client"
 
 
 class LostWorkerError(Exception):
-    """A run has killed several workers in succession, so that its scheduler has given it up."""
+    """Error of a run that killed several workers in succession, so that the scheduler abandoned it."""
 
 
 class Pool:
-    """Runs submitted to an executor, limited in number; results are returned as the runs finish."""
+    """A limited number of runs submitted to an executor; each result is returned when its run finishes."""
 
     def __init__(
         self,
@@ -48,12 +48,12 @@ class Pool:
 
     @property
     def room(self) -> int:
-        """Number of runs that may be submitted now: at most two runs for each worker, so that no worker waits for work."""
+        """Number of runs that may be submitted now: at most two runs for each worker, so that no worker is idle."""
         return 2 * max(self._workers(), 1) - len(self._tickets)
 
     @property
     def busy(self) -> bool:
-        """Whether any submitted run has not returned yet."""
+        """Whether a submitted run is still unfinished."""
         return bool(self._tickets)
 
     def submit(self, ticket: Any, function: Callable[..., Any], *arguments: Any) -> None:
@@ -61,7 +61,7 @@ class Pool:
         try:
             future = self._executor.submit(function, *arguments, **self._options)
         except (BrokenExecutor, RuntimeError) as problem:
-            raise CampaignStoppedError(f"the executor takes no more runs ({problem})") from problem
+            raise CampaignStoppedError(f"the executor accepts no more runs ({problem})") from problem
         self._tickets[future] = ticket
         future.add_done_callback(self._finished.put)
 
@@ -100,18 +100,18 @@ def _result_of(future: Any) -> Any:
     try:
         return future.result()
     except BrokenExecutor as problem:
-        raise CampaignStoppedError(f"the executor broke down: {type(problem).__name__} {problem}".rstrip()) from problem
+        raise CampaignStoppedError(f"the executor failed: {type(problem).__name__} {problem}".rstrip()) from problem
     except CampaignStoppedError:
         raise
     except Exception as problem:
-        # Compared by name, because distributed may not be installed.
+        # The type is compared by name, because distributed may not be installed.
         if type(problem).__name__ == "KilledWorker":
             return LostWorkerError(str(problem).split("\n")[0])
         if isinstance(problem, CancelledError) or "CommClosed" in type(problem).__name__:
-            raise CampaignStoppedError("the connection to the scheduler or executor of the runs was lost") from problem
+            raise CampaignStoppedError("the connection to the scheduler or executor was lost") from problem
         raise CampaignStoppedError(
             f"a worker could not start a run: {type(problem).__name__}: {problem}. "
-            "Does it have the same versions of structid and Python as this machine?"
+            "Check that it has the same versions of structid and Python as this machine"
         ) from problem
 
 
@@ -137,14 +137,14 @@ def _pool_of(executor: Any) -> Pool:
 
 
 def _local(workers: int) -> Pool:
-    """Make a pool of threads; each owns a child process that does its runs."""
+    """Make a pool of threads; the runs of each thread take place in its own child process."""
     guards: list[Watchdog] = []
     threads = ThreadPoolExecutor(workers, "structid-run", initializer=lambda: guards.append(guard_of_this_thread()))
 
     def release(abort: bool) -> None:
         if abort:
             threads.shutdown(wait=False, cancel_futures=True)
-            for guard in guards:  # a thread that waits for its child process then returns
+            for guard in guards:  # a thread that is waiting for its child process then returns
                 guard.kill()
         threads.shutdown(wait=True)
         for guard in guards:
@@ -158,16 +158,16 @@ def _connected(address: str) -> Any:
         from distributed import Client  # an optional dependency
     except ImportError:
         raise InputError(
-            f"executor '{address}'", "Dask is not installed here", "the extra 'dask'", "pip install 'structid[dask]'."
+            f"executor '{address}'", "Dask is not installed", "the extra 'dask'", "Run: pip install 'structid[dask]'."
         ) from None
     for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # structid reports a lost connection itself, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # structid reports a lost connection in one line
     try:
         return Client(address, timeout=CONNECTION_LIMIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as problem:
         raise InputError(
             f"executor '{address}'",
-            f"no Dask scheduler answers there ({type(problem).__name__})",
+            f"no Dask scheduler answers at this address ({type(problem).__name__})",
             "the address of a running scheduler",
             "Start one with: dask scheduler --port 8786.",
         ) from None
@@ -204,7 +204,7 @@ def opened(executor: Any) -> Iterator[Pool]:
 
 
 def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[Any]:
-    """Open an executor once for all runs of an external model: starting workers can take longer than a run."""
+    """Open an executor once for all runs of an external model, because starting workers can take longer than a run."""
     return contextlib.nullcontext(executor) if model.batched else opened(executor)
 
 
@@ -223,7 +223,7 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
                     pool.submit(index, function, item)
                 for index, result in pool.finished():
                     if isinstance(result, LostWorkerError):
-                        raise CampaignStoppedError(f"run {index} killed every worker that tried it: {result}")
+                        raise CampaignStoppedError(f"run {index} killed every worker that started it: {result}")
                     results[index] = result
             return results
 

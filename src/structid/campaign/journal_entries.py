@@ -1,4 +1,4 @@
-"""Entries of a campaign's journals: the design with common data, and completed runs."""
+"""Entries of a campaign's journals: the design with the common data of all runs, and completed runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from structid.campaign.run_file import Header, Row, record_from_plain
-from structid.campaign.runs import InMemory
+from structid.campaign.runs import StoredInMemory
 from structid.core.errors import InputError
 from structid.core.journal import Journal
 from structid.models.external.protocol import Outcome
@@ -35,7 +35,7 @@ def design_entry(
     theta: Float[np.ndarray, "run parameter"],
     record_of_run: Int[np.ndarray, " run"],
 ) -> dict[str, np.ndarray]:
-    """Make the journal entry of a design, with everything that a reader of the journals alone needs."""
+    """Make the journal entry of a design; it contains all common data, so the journals can be read without other files."""
     shared = {
         "space": header.space.to_plain(),
         "records": [r.to_plain() for r in header.records],
@@ -61,7 +61,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
             "a store with runs",
             "Run the campaign again.",
         )
-    entry = entries[-1]  # a design that has grown has an entry for each of its sizes
+    entry = entries[-1]  # each extension of the design adds an entry
     shared = json.loads(str(entry["told"]))
     ends = np.cumsum(shared["samples"])
     parts = np.split(entry["excitation"], ends[:-1])
@@ -71,7 +71,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
 
 
 def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
-    """Make the journal entry of completed runs: one string and one array, since an array costs as much as 1000 numbers."""
+    """Make the journal entry of completed runs: one string and one array, since each array costs as much as 1000 numbers."""
     values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
     ended = []
     for row, run in zip(values, finished, strict=True):
@@ -94,7 +94,7 @@ def rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
 def journalled_rows(journal: Journal) -> Iterator[dict[str, Row]]:
     """Read the rows of each entry of a journal, with the histories in memory."""
     for entry in journal:
-        yield rows_of(entry, InMemory(entry["values"]))
+        yield rows_of(entry, StoredInMemory(entry["values"]))
 
 
 def printable(text: str) -> str:

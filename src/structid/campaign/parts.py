@@ -37,8 +37,8 @@ def run_files_of(path: Path) -> list[Path]:
 
 
 def lock(folder: Path, path: Path) -> int | None:
-    """Lock a folder against a second writer. The system releases the lock when this process ends in any way."""
-    # A separate file, open for writing: network file systems lock nothing else.
+    """Lock a folder against a second writer. The operating system releases the lock when this process ends for any reason."""
+    # The lock is a separate file opened for writing, since network file systems support no other lock.
     handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -48,7 +48,7 @@ def lock(folder: Path, path: Path) -> int | None:
             f"store {path}",
             "another process is running this campaign",
             "one writer at a time",
-            "Wait for it, or stop it.",
+            "Wait until it ends, or stop it.",
         ) from None
     except OSError:  # a file system without locks
         os.close(handle)
@@ -57,7 +57,7 @@ def lock(folder: Path, path: Path) -> int | None:
         same = os.path.samestat(os.fstat(handle), (folder / "lock").stat())
     except FileNotFoundError:
         same = False
-    if not same:  # the previous owner has just finished and removed the file
+    if not same:  # the previous owner has just finished and has removed the file
         os.close(handle)
         folder.mkdir(parents=True, exist_ok=True)
         return lock(folder, path)
@@ -66,13 +66,13 @@ def lock(folder: Path, path: Path) -> int | None:
 
 @contextlib.contextmanager
 def disk_errors_explained(path: Path) -> Iterator[None]:
-    """Explain a disk error and its consequences for the campaign."""
+    """Explain a disk error and its effect on the campaign."""
     try:
         yield
     except OSError as problem:
         full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        what, cure = ("there is no room left", "Free some space") if full else ("it cannot be written", "Repair that")
+        what, cure = ("the disk is full", "Free some space") if full else ("it cannot be written", "Correct this")
         raise StoreError(
-            f"{path}: {what} ({problem.strerror}). Every run that was stored before is safe. {cure} and run the same campaign "
-            "again: it continues from there."
+            f"{path}: {what} ({problem.strerror}). All runs stored so far are safe. {cure}, then run the same campaign again: "
+            "it continues with the remaining runs."
         ) from problem

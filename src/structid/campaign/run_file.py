@@ -1,4 +1,4 @@
-"""Runs in one HDF5 file in netCDF layout. Each run is one compressed chunk that can be read or moved by itself."""
+"""Runs in one HDF5 file in netCDF layout. Each run is one compressed chunk that can be read or copied separately."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
 SCHEMA = 2
-"""Version of the layout. Version 1, which is read too, has no runs with `Status.STRUCTURE_FAILED`."""
+"""Version of the layout. Version 1 can also be read; it has no runs with `Status.STRUCTURE_FAILED`."""
 
 _KINDS: dict[str, type[Excitation]] = {
     kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory, RotationHistory)
@@ -44,14 +44,14 @@ _TEXT = h5py.string_dtype()
 class Header:
     """Common data of all runs in a store."""
 
-    identity: dict[str, Any]  # hashes and names; a store with another identity is refused
+    identity: dict[str, Any]  # hashes and names; a store with a different identity is refused
     space: ParameterSpace  # space of the design
     records: tuple[Excitation, ...]
     channels: tuple[str, ...]  # channels of the histories
 
     @property
     def samples(self) -> int:
-        """Number of samples of a history, that of the longest record."""
+        """Number of samples of a history, equal to the length of the longest record."""
         return max(len(r) for r in self.records)
 
     @property
@@ -66,23 +66,23 @@ class Row:
 
     key: str  # identifies point and record
     status: int
-    reason: str  # why it failed
+    reason: str  # reason of failure
     failure_time: float  # time of failure [s]
     seconds: float  # wall time [s]
     attempts: int  # number of attempts
     finished: float  # end time, in seconds since the epoch
-    source: Any  # where the history is; None for a pending run
+    source: Any  # location of the history; None for a pending run
     position: int  # row of the history in the source
 
 
 def sound_rows(path: Path) -> dict[str, Row]:
-    """Read the outcome of every run whose history is readable; warn of the others."""
+    """Read the outcome of every run with a readable history; warn of unreadable histories."""
     rows, state = read_rows(path), path.stat()
     lost = damaged_rows(path, state.st_mtime_ns, state.st_size)
     if lost:
         warnings.warn(
             StructidWarning(
-                f"{path}: the histories of {len(lost)} of {len(rows)} runs are damaged. These are done again; the others are sound."
+                f"{path}: the histories of {len(lost)} of {len(rows)} runs are damaged. They are repeated; the others are intact."
             ),
             stacklevel=2,
         )
@@ -108,15 +108,15 @@ def write(
         with partial.open("rb+") as written:
             os.fsync(written.fileno())
         partial.replace(path)
-    except (OSError, RuntimeError) as problem:  # h5py reports a disk that is full at closing as a RuntimeError
+    except (OSError, RuntimeError) as problem:  # h5py raises a RuntimeError if the disk is full when the file is closed
         partial.unlink(missing_ok=True)
         raise StoreError(
-            f"{path}: it cannot be written ({problem}). The runs are safe in its parts; free some space and continue."
+            f"{path}: it cannot be written ({problem}). The runs are safe in its parts. Free some space and continue."
         ) from problem
 
 
 def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
-    """Check the free disk space first, because a full disk can crash the HDF5 library."""
+    """Check the free disk space before writing, because a full disk can crash the HDF5 library."""
     needed = 1_000_000
     for source in {row.source for row in rows if row.source is not None}:
         if isinstance(source, FileSource):
@@ -126,8 +126,8 @@ def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
     free = shutil.disk_usage(path.parent).free
     if free < needed:
         raise StoreError(
-            f"{path}: {free / 1e6:.0f} MB are free, but merging the runs needs {needed / 1e6:.0f} MB. They are safe in its "
-            "parts; free some space and continue."
+            f"{path}: {free / 1e6:.0f} MB are free, but merging the runs needs {needed / 1e6:.0f} MB. The runs are safe in its "
+            "parts. Free some space and continue."
         )
 
 
@@ -172,7 +172,7 @@ def _write_rows(file: Any, rows: Sequence[Row]) -> None:
 
 
 def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
-    """Write the histories. Chunks of other files are copied; everything else is compressed here."""
+    """Write the histories: chunks of other files are copied, all other histories are compressed here."""
     shape = (header.samples, len(header.channels))
     values = file.create_dataset(
         "values",
@@ -185,7 +185,7 @@ def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
         compression_opts=1,
     )
     _attach(file, values, ("run", "time", "channel"))
-    # One source at a time, so that only one other file is open, however many segments there are.
+    # Read one source at a time, so that only one other file is open for any number of segments.
     by_source: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
         if row.source is not None:
@@ -259,9 +259,9 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
 
 
 def _refuse_later_layout(path: Path, layout: int) -> None:
-    """Refuse a file of a later version, whose additions this version would misread."""
+    """Refuse a file of a later version, which this version would misread."""
     if layout > SCHEMA:
-        raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or before", "Update structid.")
+        raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or earlier", "Update structid.")
 
 
 def record_from_plain(plain: dict[str, Any], values: Float[np.ndarray, "time *motion"]) -> Excitation:

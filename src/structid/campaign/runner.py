@@ -1,4 +1,4 @@
-"""A campaign: the model runs of a design on any executor, each stored before the next result is awaited."""
+"""A campaign: the model runs of a design on any executor. Each run is stored before the next result is awaited."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from structid.models.external.protocol import Outcome
 from structid.probability.designs import Design
 
 CampaignProgress = Callable[[int, int, int], None]
-"""Called with the number of runs that have ended, the total, and the number of failed runs."""
+"""Callback whose arguments are the numbers of finished runs, of all runs, and of failed runs."""
 
 BATCH = 256
-"""Runs of a built-in model that are done and stored together."""
+"""Number of runs of a built-in model that are computed and stored together."""
 
 TRIED_AGAIN = (Status.FAILED, Status.TIMED_OUT)
-"""Statuses for which another attempt may help; a run that diverged would diverge again."""
+"""Statuses for which another attempt may succeed; a run that diverged would diverge again."""
 
 RETRIED = (*TRIED_AGAIN, Status.DIVERGED)
-"""Statuses of runs that are repeated on request, because the solver may have changed."""
+"""Statuses of the runs that are repeated on request, because the solver may have changed."""
 
 
 @dataclass(frozen=True)
 class _Ticket:
-    """A run to be done: its row in the design, and the number of the attempt."""
+    """A run to be carried out: its row in the design, and the number of the attempt."""
 
     row: int
     attempts: int
@@ -51,21 +51,21 @@ class _Ticket:
 
 @check_arguments
 class Campaign:
-    """Model runs of a model over a design, on one record or several.
+    """Runs of a model at the points of a design, on one or several records.
 
-    Every finished run is on disk before the next result is awaited. A campaign that was stopped, for whatever reason,
-    continues when the same campaign is run again. Points that are appended to the design later are added to the store.
+    Every finished run is on disk before the next result is awaited. If a campaign stops for any reason, run it again and it
+    continues. Points that are appended to the design later are added to the store.
 
     Parameters
     ----------
     model : Model
-        Any model, built in or external.
+        A built-in or external model.
     records : Excitation or sequence of Excitation
         The records that drive the model.
     design : Design
         The points.
     store : path-like, optional
-        The HDF5 file to write. Without it the runs are kept in memory, and are lost with the process.
+        The HDF5 file to write. Without a file, the runs are kept in memory and lost when the process ends.
     assignment : "cycle" or sequence of int or str, optional
         With several records: the record of each run, by number or name; ``"cycle"`` takes the records in turn.
 
@@ -95,7 +95,7 @@ class Campaign:
                 "Draw one with space.sample(…), or Design(points, space).",
             )
         if len(design) == 0:
-            raise InputError("Campaign.design", "no points", "one or more")
+            raise InputError("Campaign.design", "no points", "one or more points")
         self.records = (records,) if isinstance(records, Excitation) else tuple(records)
         if not self.records or not all(isinstance(r, Excitation) for r in self.records):
             raise InputError("Campaign.records", f"{records!r}", "a GroundMotion, ForceHistory, …, or a list of them")
@@ -108,7 +108,7 @@ class Campaign:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Everything except the points on which the runs depend: model, space, records, channels."""
+        """All data on which the runs depend, except the points: model, space, records, channels."""
         return {
             "model": self.model.content_hash,
             "space": self.design.space.content_hash,
@@ -118,24 +118,24 @@ class Campaign:
         }
 
     def refuse_another(self) -> None:
-        """Check that the store holds runs of this model, engine, records and space, or none.
+        """Check that any stored runs belong to this model, engine, records and space.
 
         Raises
         ------
         StoreMismatchError
-            If it holds others.
+            If the store contains other runs.
         """
         stored = None if self.store is None else stored_identity(self.store)
         if self.store is not None and stored is not None:
             compare_identity(Path(self.store), stored, self.identity)
 
     def adopt(self) -> None:
-        """Adopt the stored runs of another version of the model or of another engine, without running anything.
+        """Adopt the stored runs of another model version or another engine, without new model runs.
 
         Raises
         ------
         StoreMismatchError
-            If the store differs in something else.
+            If the store differs in any other property.
         """
         if self.store is not None:
             RunStore(self.store, self._header, adopt=True).close()
@@ -153,22 +153,22 @@ class Campaign:
         adopt: bool = False,
         progress: CampaignProgress | None = None,
     ) -> Runs:
-        """Do every run that is not stored yet.
+        """Carry out every run that is not stored yet.
 
         Parameters
         ----------
         executor : None, str, concurrent.futures.Executor or distributed.Client
             ``"serial"`` (the default), ``"processes"``, ``"processes:4"``, the address of a Dask scheduler (``"tcp://…"``), or
-            an executor object. Built-in models run in batches on this machine and need none.
+            an executor object. Built-in models run in batches on this machine and need no executor.
         retry : bool
             Repeat the stored runs that failed, timed out or diverged.
         attempts : int
-            Largest number of attempts for a run that fails or times out, including earlier attempts that are stored.
+            Maximum number of attempts for a run that fails or times out, including stored earlier attempts.
         adopt : bool
-            Keep the stored runs of another version of the model, which is an error otherwise. Useful, for example, after a bug fix
-            in a solver that does not change the runs it has already done.
+            Keep the stored runs of another version of the model; without `adopt` such runs are an error. This is useful, for
+            example, after a bug fix in a solver that does not affect the finished runs.
         progress : callable, optional
-            Called with the number of runs that have ended, the total, and the number of failed runs.
+            Callback whose arguments are the numbers of finished runs, of all runs, and of failed runs.
 
         Returns
         -------
@@ -178,14 +178,14 @@ class Campaign:
         Raises
         ------
         StoreMismatchError
-            If the store belongs to another model, record or space, or holds points that this design lacks.
+            If the store belongs to another model, record or space, or contains points that are not in this design.
         CampaignStoppedError
-            If the executor broke down; finished runs are stored.
+            If the executor failed; finished runs are stored.
         KeyboardInterrupt
-            On Ctrl-C; the message says how to continue.
+            On Ctrl-C; the message explains how to continue.
         """
         if attempts < 1:
-            raise InputError("Campaign.run: attempts", f"{attempts}", "1 or more")
+            raise InputError("Campaign.run: attempts", f"{attempts}", "a whole number of 1 or more")
         store = MemoryStore(self._header) if self.store is None else RunStore(self.store, self._header, adopt)
         try:
             todo = self._todo(store, retry, attempts)
@@ -213,13 +213,13 @@ class Campaign:
     def _how_to_continue(self) -> str:
         if self.store is None:
             return "They were in memory only and are lost."
-        return "Run the same campaign again to go on from there."
+        return "Run the same campaign again to continue from there."
 
     def _progress_in(self, store: RunStore | MemoryStore) -> str:
         return f"{len(store.rows)} of {len(self.keys)} runs are stored"
 
     def _is_part_of(self, store: RunStore | MemoryStore) -> bool:
-        """Whether the store contains every run of this design, and others."""
+        """Whether the store contains every run of this design and further runs."""
         return set(self.keys) < set(store.rows)
 
     def _selected(self) -> Runs:
@@ -237,14 +237,14 @@ class Campaign:
         if strangers:
             raise StoreMismatchError(
                 f"store {self.store}",
-                f"it holds {len(strangers)} runs at points that this design of {len(self.keys)} lacks",
-                "the stored design, or a longer one that contains it",
-                "Append points with design + more; a 'sobol' or 'random' design of more points contains the shorter one, a Latin "
-                "hypercube does not. Or name another store; this one has not been changed.",
+                f"{len(strangers)} stored runs are at points that are not in this design of {len(self.keys)} points",
+                "the stored design, or a longer design that contains it",
+                "Append points with design + more. A longer 'sobol' or 'random' design contains the shorter one, but a Latin "
+                "hypercube does not. Or name another store; this one is unchanged.",
             )
 
     def _todo(self, store: RunStore | MemoryStore, retry: bool, attempts: int) -> list[_Ticket]:
-        """Runs that are not stored, have attempts left, or are to be repeated."""
+        """Runs that are not stored, have attempts left, or must be repeated."""
         tickets = []
         for row, key in enumerate(self.keys):
             stored = store.rows.get(key)
@@ -284,7 +284,7 @@ class Campaign:
         calls = [packed(model, record) for record in self.records]
         with opened(executor) as pool:
             waiting = list(reversed(todo))
-            # A run that was stopped between two attempts gets its remaining attempts; a repeated run gets all of them.
+            # A run that was stopped between two attempts keeps its remaining attempts; a repeated run gets all attempts.
             last = {t.row: max(attempts, t.attempts + (attempts - 1 if retry else 0)) for t in todo}
             while waiting or pool.busy:
                 while waiting and pool.room > 0:
@@ -300,12 +300,12 @@ class Campaign:
         pool.submit(ticket, attempt, calls[number], task)
 
     def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
-        """Store the completed runs, and list those to be repeated."""
+        """Store the completed runs, and list the runs to be repeated."""
         finished, again = [], []
         for ticket, outcome in pool.finished():
             if isinstance(outcome, LostWorkerError):
                 nothing = np.full((len(self.records[self.record_of_run[ticket.row]]), len(self.model.channels)), np.nan)
-                outcome = Outcome(nothing, Status.FAILED, f"it killed every worker that tried it: {outcome}", 0.0)
+                outcome = Outcome(nothing, Status.FAILED, f"it killed every worker that started it: {outcome}", 0.0)
             finished.append(Finished(self.keys[ticket.row], outcome, ticket.attempts))
             if outcome.status in TRIED_AGAIN and ticket.attempts < last[ticket.row]:
                 again.append(_Ticket(ticket.row, ticket.attempts + 1))
@@ -313,7 +313,7 @@ class Campaign:
 
 
 class _Counter:
-    """Counts completed and failed runs for a progress bar."""
+    """A counter of completed and failed runs for a progress bar."""
 
     def __init__(
         self, store: RunStore | MemoryStore, keys: list[str], todo: list[_Ticket], progress: CampaignProgress | None
@@ -332,7 +332,7 @@ class _Counter:
 
 
 def _keys(points: np.ndarray, record_hashes: list[str]) -> list[str]:
-    """Key of each run from its point and record; repeated points get different keys."""
+    """Return the key of each run, made from its point and record; repeated points get different keys."""
     counts: Counter[str] = Counter()
     keys = []
     for point, record in zip(points, record_hashes, strict=True):

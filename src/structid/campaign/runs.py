@@ -1,4 +1,4 @@
-"""Model runs: design, records, histories and status. A campaign produces them; a surrogate is fitted to them."""
+"""Model runs: design, records, histories and status. A campaign produces the runs; a surrogate is fitted to them."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Values(Protocol):
         ...
 
     def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
-        """Read the histories of some runs into memory."""
+        """Read the histories of selected runs into memory."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class InMemory:
-    """Histories in memory, with the same interface as those on disk."""
+class StoredInMemory:
+    """Histories in memory, with the same interface as histories on disk."""
 
     array: Float[np.ndarray, "run time channel"]  # Histories in SI
 
@@ -53,14 +53,14 @@ class InMemory:
         return runs, samples, channels
 
     def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
-        """Return the histories of some runs; see `Values.read`."""
+        """Return the histories of selected runs; see `Values.read`."""
         histories: np.ndarray = self.array[rows]
         return histories
 
 
 @dataclass(frozen=True, eq=False)
 class Runs(ShownAsText):
-    """Runs of one model over a design, on one or several records. Histories stay on disk until they are needed.
+    """Runs of one model at the points of a design, on one or several records. Histories stay on disk until needed.
 
     Parameters
     ----------
@@ -77,13 +77,13 @@ class Runs(ShownAsText):
     record_of_run : ndarray of int, shape (run,), optional
         Number of the record of each run; the first record by default.
     reasons : sequence of str, optional
-        Why each run failed.
+        Reason why each run failed.
     failure_time, seconds : ndarray, shape (run,), optional
         Time of failure [s], wall time [s].
     attempts : ndarray of int, shape (run,), optional
         Number of attempts of each run.
     finished : ndarray, shape (run,), optional
-        When each run ended, in seconds since the epoch; NaN if not known.
+        End time of each run, in seconds since the epoch; NaN if unknown.
     path : Path, optional
         The file of the runs, if all are in one file.
 
@@ -152,7 +152,7 @@ class Runs(ShownAsText):
             design,
             (record,),
             histories.channels,
-            InMemory(histories.values),
+            StoredInMemory(histories.values),
             histories.status,
             reasons=histories.reasons,
             failure_time=histories.failure_time,
@@ -174,7 +174,7 @@ class Runs(ShownAsText):
 
     @property
     def failures(self) -> list[tuple[str, int]]:
-        """Reasons of failure with their numbers of runs, most frequent first; reasons that differ only in numbers count as one."""
+        """Reasons of failure with the number of runs, most frequent first; reasons that differ only in numbers count as one."""
         return grouped_reasons(self.reasons)
 
     @property
@@ -205,7 +205,7 @@ class Runs(ShownAsText):
         return histories
 
     def __getitem__(self, rows: Any) -> Runs:
-        """Some of the runs, in the given order; no history is read."""
+        """Select runs in the given order; no history is read."""
         index = np.atleast_1d(np.arange(len(self))[rows])
         return replace(
             self,
@@ -222,7 +222,7 @@ class Runs(ShownAsText):
         )
 
     def __add__(self, more: Runs) -> Runs:
-        """These runs followed by others of the same model, space and records, all in memory."""
+        """Append other runs of the same model, space and records; the result is in memory."""
         if self.channels != more.channels or [r.content_hash for r in self.records] != [
             r.content_hash for r in more.records
         ]:
@@ -231,7 +231,7 @@ class Runs(ShownAsText):
             name: np.concatenate([getattr(self, name), getattr(more, name)])
             for name in ("status", "record_of_run", "failure_time", "seconds", "attempts", "finished")
         }
-        values = InMemory(np.concatenate([self.values, more.values]))
+        values = StoredInMemory(np.concatenate([self.values, more.values]))
         design, reasons = self.design + more.design, self.reasons + more.reasons
         return replace(self, design=design, stored=values, reasons=reasons, path=None, **both)
 
@@ -241,12 +241,12 @@ class Runs(ShownAsText):
         Parameters
         ----------
         record : int or str
-            Its number in `records`, or its name.
+            Index of the record in `records`, or its name.
 
         Returns
         -------
         Runs
-            Its runs, with this record alone.
+            Runs on this record only.
         """
         names = [r.name for r in self.records]
         if isinstance(record, str) and record not in names:
@@ -256,7 +256,7 @@ class Runs(ShownAsText):
         return replace(some, records=(self.records[index],), record_of_run=np.zeros(len(some), dtype=int))
 
     def batches(self, size: int = 256) -> Iterator[Runs]:
-        """Iterate over batches of runs, so that the memory needed does not grow with the number of runs.
+        """Iterate over batches of runs, so that memory use does not grow with the number of runs.
 
         Parameters
         ----------
@@ -272,7 +272,7 @@ class Runs(ShownAsText):
             yield self[start : start + size]
 
     def histories(self) -> Histories:
-        """Read the histories into memory; all records must have the same step and length.
+        """Read the histories into memory; all records must have the same time step and length.
 
         Returns
         -------
@@ -282,13 +282,13 @@ class Runs(ShownAsText):
         Raises
         ------
         InputError
-            If the records differ in step or length.
+            If the records differ in time step or length.
         """
         used = [self.records[i] for i in np.unique(self.record_of_run)] or list(self.records)
         if len({(r.dt, len(r)) for r in used}) > 1:
             raise InputError(
                 "Runs.histories",
-                "records of different steps or lengths",
+                "records with different time steps or lengths",
                 "runs on one record",
                 "Choose a record with Runs.on(record).",
             )
@@ -297,7 +297,7 @@ class Runs(ShownAsText):
         return Histories(values, used[0].dt, self.channels, self.status, self.failure_time, name, self.reasons)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return everything as an xarray Dataset; runs in a file are read when they are used.
+        """Return all data of the runs as an xarray Dataset; histories in a file are read when needed.
 
         Returns
         -------
@@ -332,7 +332,7 @@ class Runs(ShownAsText):
 
     @check_arguments
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw bands of the responses, and where in parameter space runs failed.
+        """Draw bands of the responses, and the failed runs in parameter space.
 
         Parameters
         ----------
@@ -346,7 +346,7 @@ class Runs(ShownAsText):
         """
         done = np.flatnonzero(self.done)
         shown = self[done[np.linspace(0, len(done) - 1, min(len(done), figures.SHOWN)).astype(int)]]
-        # With several records, the first that has runs: histories on different records have no common band.
+        # Draw only the first record that has runs: histories on different records have no common band.
         numbers = np.unique(shown.record_of_run)
         shown = shown.on(int(numbers[0])) if len(numbers) else shown
         record = shown.records[0]
@@ -407,7 +407,7 @@ def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) ->
         raise InputError(
             "assignment",
             f"{came} for {runs} runs on {len(records)} records",
-            '"cycle", or a record for each run',
+            '"cycle", or one record for each run',
             "Give the record of each run, by number or by name.",
         )
     numbers = np.empty(runs, dtype=int)

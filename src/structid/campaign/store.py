@@ -1,10 +1,10 @@
 """The store of a campaign's runs: a checksummed journal, sealed into HDF5 segments, merged into one file at the end.
 
-An HDF5 file does not survive a kill or a full disk while it is being extended. So every finished run goes to a journal first. A
-full journal is sealed into a segment, which is written under another name and renamed when it is complete. At the end the
-segments become one file, in the order of the design:
+An HDF5 file does not survive a kill or a full disk while it is being extended. Every finished run is therefore written to a
+journal first. A full journal is sealed into a segment, which is written under another name and renamed when complete. At the end
+the segments are merged into one file, in the order of the design:
 
-    runs.h5.parts/design             the points, and what all runs share
+    runs.h5.parts/design             the points, and the common data of all runs
     runs.h5.parts/journal            the newest runs, each on disk before the next result is awaited
     runs.h5.parts/segment-000001.h5  sealed runs
     runs.h5                          all runs, after the end of the campaign; the parts are removed then
@@ -33,7 +33,7 @@ from structid.campaign.journal_entries import (
 )
 from structid.campaign.parts import disk_errors_explained, lock, next_segment, parts_of, run_files_of
 from structid.campaign.run_file import Header, Row
-from structid.campaign.runs import InMemory, Runs
+from structid.campaign.runs import Runs, StoredInMemory
 from structid.core.errors import InputError, Status
 from structid.core.journal import Journal, compare_identity, differences
 from structid.core.validation import check_arguments
@@ -43,9 +43,9 @@ CAMPAIGN_RUNS = "runs.h5"
 CALIBRATION_FOLDER = "calibration"
 """Folder of a calibration in the folder of its study."""
 CALIBRATION_RUNS = "true_runs.h5"
-"""File with its runs."""
+"""File with the model runs of a calibration."""
 CALIBRATION_FINISHED = "finished"
-"""File in it that marks the last draws as complete."""
+"""File in the calibration folder that marks the last draws as complete."""
 ADOPTED = {"model", "engine"}
 """Properties in which adopted runs may differ."""
 SEGMENT_BYTES = 64_000_000
@@ -99,13 +99,13 @@ class RunStore:
             self._designs.append(design_entry(self.header, keys, theta, record_of_run))
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Write completed runs to disk; they are safe there when this returns."""
+        """Write completed runs; they are on disk when the method returns."""
         if not finished:
             return
         entry = runs_entry(finished, self.header)
         with disk_errors_explained(self.path):
             self._journal.append(entry)
-        # The rows stay in memory, the histories do not.
+        # Keep the rows in memory, but not the histories.
         self.rows.update(rows_of(entry, source=None))
         if self._journal.size > SEGMENT_BYTES:
             self._seal()
@@ -128,12 +128,12 @@ class RunStore:
     def finish(
         self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
     ) -> Runs:
-        """Merge everything into one file, in the order of the design, and remove the parts."""
+        """Merge all parts into one file, in the order of the design, and remove the parts."""
         self._seal()
         rows = _in_order(self.rows, keys)
         if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
             run_file.write(self.path, self.header, theta, record_of_run, rows)
-        # Removed while the lock is held, so that no other process can have started to fill the folder.
+        # Remove the folder while the lock is held, so that no other process can start to fill it.
         shutil.rmtree(self.parts, ignore_errors=True)
         self.close()
         return open_runs(self.path)
@@ -161,7 +161,7 @@ class MemoryStore:
         """Keep completed runs."""
         if finished:
             entry = runs_entry(finished, self.header)
-            self.rows.update(rows_of(entry, InMemory(entry["values"])))
+            self.rows.update(rows_of(entry, StoredInMemory(entry["values"])))
 
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
         """Return the runs in the order of the design; see `RunStore.finish`."""
@@ -174,7 +174,7 @@ class MemoryStore:
 
 @check_arguments
 def open_runs(path: str | os.PathLike[str]) -> Runs:
-    """Open the runs of a campaign for reading, whether it has ended or not; nothing on disk is changed.
+    """Open the runs of a finished or unfinished campaign for reading; nothing on disk is changed.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
     Returns
     -------
     Runs
-        In the order of the design. Runs without a result are pending.
+        Runs in the order of the design. Runs without a result are pending.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
         path = next((s for s in stores if s.exists() or parts_of(s).exists()), stores[0])
     if not path.exists() and not parts_of(path).exists():
         raise InputError(
-            f"{path}", "there is no such store", "a file that a Campaign has made, or the folder of a study with one"
+            f"{path}", "there is no such store", "the file of a Campaign, or the folder of a study with one"
         )
     stored = _settled(path)
     values = _Scattered(stored.rows, stored.header)
@@ -223,7 +223,7 @@ class _Stored:
 
 
 def _settled(path: Path) -> _Stored:
-    """Read a store while another process may write to it; read again if its files change meanwhile."""
+    """Read a store that another process may be writing; read it again if its files change meanwhile."""
     for _ in range(20):
         before = _layout(path)
         try:
@@ -259,7 +259,7 @@ def _stored(path: Path) -> _Stored:
 
 
 def _in_order(rows: Mapping[str, Row], keys: Sequence[str]) -> list[Row]:
-    """The row of each key, or a pending one."""
+    """Return the row of each key, or a pending row if there is none."""
     return [rows.get(key) or _pending(key) for key in keys]
 
 

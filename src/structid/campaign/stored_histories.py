@@ -1,4 +1,4 @@
-"""Histories of runs on disk, each a compressed chunk with a checksum, and detection of damaged ones."""
+"""Histories of runs on disk, each a compressed chunk with a checksum, and detection of damaged histories."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from structid.core.journal import opened_hdf5
 
 @dataclass(frozen=True)
 class FileSource:
-    """Histories in an HDF5 file of this layout."""
+    """Histories in an HDF5 file with the package's layout."""
 
     path: Path  # the file
 
     def read(self, positions: np.ndarray) -> Float[np.ndarray, "row time channel"]:
-        """Read some rows."""
+        """Read the histories at the given positions."""
         with opened_hdf5(self.path, "histories of runs") as file:
             values = file["values"]
             # h5py needs increasing, distinct rows.
@@ -36,9 +36,9 @@ class FileSource:
                 raise InputError(
                     f"{self.path}",
                     f"the histories of {len(lost)} of {len(values)} runs are damaged (run {', '.join(map(str, lost[:5]))}"
-                    f"{', …' if len(lost) > 5 else ''}); the others are sound",
-                    "a file as it was written",
-                    "Run the campaign on it again, or the study with --resume: only the damaged runs are done again.",
+                    f"{', …' if len(lost) > 5 else ''}); the others are intact",
+                    "an undamaged file",
+                    "Run the campaign on this store again, or the study with --resume: only the damaged runs are repeated.",
                 ) from cause
 
 
@@ -50,7 +50,7 @@ def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
 
 
 def _unreadable(values: Any, rows: Iterable[int]) -> list[int]:
-    """Rows whose compressed data fail their checksum."""
+    """Return the rows whose compressed data fail their checksum."""
     lost = []
     for row in rows:
         try:

@@ -1,9 +1,9 @@
-"""The certificate of a posterior that was not drawn from the model itself, by model runs at fresh draws of it.
+"""The certificate of a posterior that was not drawn from the model itself, from model runs at fresh draws of it.
 
-One number carries the statement: χ, the coefficient of variation of the weights w = π/q of the true posterior π over the drawn
-one, q; see `weight_variation`. The certificate holds if an upper bound of χ, from few fresh draws, is small enough for every mean
-and every standard deviation. Draws of q cannot show mass of π where q has none; the stored model runs of all rounds are searched
-for it.
+The statement rests on one number, χ: the coefficient of variation of the weights w = π/q, with π the true posterior and q the
+drawn density; see `weight_variation`. The certificate holds if an upper bound of χ, from a few fresh draws, is small enough for
+every mean and every standard deviation. Draws of q cannot reveal mass of π where q is zero; the stored model runs of all rounds
+are searched for it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FEWEST_DRAWS = 15
 """Minimum number of fresh draws: with fewer, the bound of a variance would exceed three times the estimate."""
 
 NOTHING = 10.0
-"""Bound above which it is reported only as "more than" this."""
+"""Bound above which a bound is reported only as "more than" this."""
 
 UNSEEN = 3.0
 """With a probability of 5 %, none of n draws falls into a set of probability 3/n."""
@@ -37,59 +37,59 @@ UNSEEN = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Certificate(ShownAsText):
-    """Whether a posterior that was not drawn from the model itself may be believed, and why.
+    """Assessment of a posterior that was not drawn from the model itself, with its reasons.
 
     Parameters
     ----------
     verdict : {"certified", "usable with re-weighting", "not to be trusted"}
         Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more model runs.
     reasons : tuple of str
-        What fell short, one sentence each.
+        Limits and checks that were not met, one sentence each.
     doubts : tuple of str
-        Those of them that concern the draws, whatever the model says: they have not converged, or another explorer finds others.
+        The reasons that concern only the draws: they have not converged, or a second sampler disagrees.
     variation : WeightVariation
-        χ̂ and its bound U.
+        Estimate χ̂ of χ, and its bound U.
     mean_bound : ndarray, shape (parameter,)
-        How far each mean may be off, in standard deviations: U, or less where the runs have taught a correction.
+        Bound on the error of each mean, in standard deviations: U, or less if the runs provide a correction.
     sd_bound : ndarray, shape (parameter,)
-        How far each standard deviation may be off, as a share of it.
+        Bound on the relative error of each standard deviation.
     correlation_bound : ndarray, shape (parameter, parameter)
-        How far the correlation of each two parameters may be off.
+        Bound on the error of the correlation of every two parameters.
     shift, shift_error : ndarray, shape (parameter,)
-        How far the weights move each mean, in standard deviations, and the Monte-Carlo error of that.
+        Shift of each mean by the weights, in standard deviations, and the Monte Carlo error of this shift.
     draws : ndarray, shape (draw, parameter)
         The fresh draws, in SI.
     weights : ndarray, shape (draw,)
-        Their weights in averages over the true posterior, which sum to one.
+        Weights of the fresh draws in averages over the true posterior; they sum to one.
     log_ratios : ndarray, shape (draw,)
-        log π/q of each, up to a constant; −inf where a model run failed.
+        log π/q of each fresh draw, up to a constant; −inf where a model run failed.
     look : int
-        1 for the first certificate that was asked for, 2 for one after a refusal, and so on.
+        Number of the attempt: 1 for the first certificate, 2 for the certificate after a refusal, and so on.
     above : float
-        By how much the best stored model run exceeds the best draw [nat].
+        Excess of the best stored model run's log density over the best draw's [nat].
     excess : float
-        Largest log π/q, above the median over the draws, of the stored model runs within reach of the best [nat].
+        Largest log π/q, above the median over the draws, of the stored model runs within reach of the best run [nat].
     within_reach : int
-        Number of those stored runs.
+        Number of stored model runs within reach of the best run.
     failed : int
-        Fresh draws whose model run failed.
+        Number of fresh draws whose model run failed.
     true_runs : int
-        Model runs spent in all, including those of the certificate.
+        Total number of model runs, including the runs for the certificate.
     limits : Limits
-        The limits it had to meet.
+        Limits that the certificate must meet.
     names : tuple of str
         Parameters, or their logarithms; see `Target.compared`.
     correction : Correction or None
-        What the runs have taught of q, where the weights of the draws alone did not decide.
+        Correction of q learnt from the runs, if the weights of the draws alone did not decide.
     subject : str
-        What is certified, where it is not the draws.
+        Description of the certified density, if the draws themselves are not certified.
     searched, taught : int
-        Model runs that searched for modes the draws have missed, and that were made to learn where the draws' density is wrong.
+        Numbers of model runs that searched for missed modes, and that corrected the draws' density.
     missing : float
-        Share of the posterior that may lie where the draws' density is zero; the bounds allow for it.
+        Fraction of the posterior that may lie where the draws' density is zero; the bounds allow for it.
     monte_carlo : MonteCarloError or None
-        How far moments of the draws may be from those of their density, which the bounds above are about. Of external draws;
-        those of a calibration have their own verdict.
+        Monte Carlo error of the moments of external draws; the bounds above hold for the moments of their density. None for a
+        calibration, whose draws have their own verdict.
 
     Examples
     --------
@@ -142,23 +142,23 @@ class Certificate(ShownAsText):
 
     @property
     def agreement(self) -> str:
-        """Statement on the drawn and the model's posterior, independent of the quality of the draws."""
+        """Statement on the agreement of surrogate and model, independent of the quality of the draws."""
         if self.certified or self.only_the_draws:
             return "surrogate and model agree"
         return "they agree after re-weighting" if self.usable else "they do not agree"
 
     def of_probability(self, p: float) -> float:
-        """How far the probability of an event may be off.
+        """Bound on the error of the probability of an event.
 
         Parameters
         ----------
         p : float
-            What it is for the draws.
+            Probability of the event for the draws.
 
         Returns
         -------
         float
-            U √(p (1 − p)); where the runs have taught a correction, by whose distance p may be larger, this distance more.
+            U √(p (1 − p)). With a correction, p may be larger by its distance, which is added to the bound, too.
         """
         if self.correction is None:
             return float(self.variation.of_probability(p))
@@ -172,7 +172,7 @@ class Certificate(ShownAsText):
 
     @property
     def statement(self) -> str:
-        """The certified figures in a sentence."""
+        """The certified bounds in a sentence."""
         mean, sd = float(self.mean_within.max()), float(self.sd_within.max())
         correlations = f"every correlation within {self.correlation_within.max():.2g}, " if len(self.names) > 1 else ""
         event = self.of_probability(0.05) + (self.monte_carlo.of_probability(0.05) if self.monte_carlo else 0.0)
@@ -180,17 +180,17 @@ class Certificate(ShownAsText):
         return (
             f"every mean is within {mean:.2g} standard deviations of the model's, every standard deviation within "
             f"{100.0 * sd:.2g} %, {correlations}the probability of an event of 5 % within {100.0 * event:.2g} %"
-            f"{self._said_of_draws}{'; of a variance of errors its logarithm is meant' if logarithms else ''}"
+            f"{self._monte_carlo_clause}{'; for error variances, this refers to the logarithm' if logarithms else ''}"
         )
 
     @property
-    def _said_of_draws(self) -> str:
+    def _monte_carlo_clause(self) -> str:
         chance = self.monte_carlo
         if chance is None:
             return ""
         return (
-            f"; {chance.mean.max():.2g} standard deviations and {100.0 * chance.sd.max():.2g} % of this are the Monte Carlo error "
-            f"of the draws, which count as {chance.size:.0f} independent ones"
+            f"; this includes a Monte Carlo error of {chance.mean.max():.2g} standard deviations and "
+            f"{100.0 * chance.sd.max():.2g} %, since the draws count as {chance.size:.0f} independent draws"
         )
 
     @property
@@ -200,22 +200,22 @@ class Certificate(ShownAsText):
 
     @property
     def sd_within(self) -> np.ndarray:
-        """Bound on the relative error of each standard deviation, likewise, shape (parameter,)."""
+        """Bound on the relative error of each standard deviation, including its Monte Carlo error, shape (parameter,)."""
         chance = 0.0 if self.monte_carlo is None else self.monte_carlo.sd
         return np.asarray((1.0 + self.sd_bound) * (1.0 + chance) - 1.0)
 
     @property
     def correlation_within(self) -> np.ndarray:
-        """Bound on the error of each correlation, likewise, shape (parameter, parameter)."""
+        """Bound on the error of each correlation, including its Monte Carlo error, shape (parameter, parameter)."""
         return self.correlation_bound + (0.0 if self.monte_carlo is None else self.monte_carlo.correlation)
 
     @property
     def unknown(self) -> str:
-        """What the certificate cannot exclude, in a sentence."""
+        """Sentence on the errors that the certificate cannot exclude."""
         share = f" with less than {100.0 * self.unseen:.0f} % of the probability" if self.unseen < 1.0 else ""
         return (
-            f"a part of the posterior{share}, into which none of the draws fell, and a mode that no model run of any round has "
-            f"touched{'; without a density that is a function no second explorer has looked for one' if self.subject else ''}"
+            f"a part of the posterior{share} that no draw has reached, and a mode that no model run of any round has reached"
+            f"{'; without q as a function, no second sampler has searched for modes' if self.subject else ''}"
         )
 
     def __str__(self) -> str:
@@ -223,20 +223,20 @@ class Certificate(ShownAsText):
         limits = self.limits
         head = " ".join([self.verdict.upper(), *self.subject.split()])
         lines = [
-            f"{head} ({self._said_of_runs})",
+            f"{head} ({self._run_counts})",
             *([f"  with {limits.confidence:.0%} confidence {self.statement}"] if self.certified else []),
-            f"  {self._said_of_weights}; they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
+            f"  {self._weights_clause}; they shift the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
-            *([self._said_of_stored_runs] if self.within_reach else []),
-            *([self._said_of_what_is_excluded] if self.missing else []),
-            f"  not known: {self.unknown}",
+            *([self._stored_runs_line] if self.within_reach else []),
+            *([self._truncated_support_line] if self.missing else []),
+            f"  not excluded: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
         return "\n".join(lines)
 
     @property
-    def _said_of_runs(self) -> str:
-        others = ((self.searched, "in search of further modes"), (self.taught, "to learn where the draws are wrong"))
+    def _run_counts(self) -> str:
+        others = ((self.searched, "in search of further modes"), (self.taught, "to correct the draws' density"))
         return ", ".join(
             [
                 f"{self.true_runs} model runs",
@@ -246,38 +246,38 @@ class Certificate(ShownAsText):
         )
 
     @property
-    def _said_of_weights(self) -> str:
+    def _weights_clause(self) -> str:
         bound = self.variation.bound
-        at_most = "at most" if bound < NOTHING else "perhaps by"
-        sentence = f"weights vary by {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
+        at_most = "at most" if bound < NOTHING else "perhaps"
+        sentence = f"the weights have a coefficient of variation of {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
         if self.correction is None:
-            return f"{sentence} ({self.limits.mean:g} is allowed)"
+            return f"{sentence} (limit {self.limits.mean:g})"
         return (
-            f"{sentence}, about a density fitted to the runs and that "
-            f"differs from that of the draws in {self.correction.distance:.0%} of the probability"
+            f"{sentence}, relative to a density fitted to the runs, which "
+            f"differs from the draws' density in {self.correction.distance:.0%} of the probability"
         )
 
     @property
-    def _said_of_stored_runs(self) -> str:
+    def _stored_runs_line(self) -> str:
         return (
-            f"  {self.within_reach} stored model runs lie within {self.limits.reach:g} nats of the best; what was drawn misses at "
-            f"most {max(self.excess, 0.0):.2f} nats there (at most {self.limits.excess:g})"
+            f"  {self.within_reach} stored model runs lie within {self.limits.reach:g} nats of the best; the drawn density is at "
+            f"most {max(self.excess, 0.0):.2f} nats too low there (limit {self.limits.excess:g})"
         )
 
     @property
-    def _said_of_what_is_excluded(self) -> str:
+    def _truncated_support_line(self) -> str:
         return (
-            f"  {self.missing:.2%} of the posterior may lie where the given density is zero, as of a normal density that ends "
-            "there; the bounds allow for it"
+            f"  {self.missing:.2%} of the posterior may lie where the given density is zero, estimated as for a truncated "
+            "normal density; the bounds allow for this"
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Give all figures except the draws, in a form that JSON can hold.
+        """Return all results except the draws, in a form that JSON can store.
 
         Returns
         -------
         dict
-            By name.
+            Results by name.
         """
         figures = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights", "log_ratios")}
         figures |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
@@ -298,7 +298,7 @@ def issue_certificate(
     """Issue a certificate from model runs at fresh draws."""
     limits = Limits() if limits is None else limits
     if len(fresh.theta) < FEWEST_DRAWS:
-        raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
+        raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more draws, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
     lost, lost_of_sd = missing_bounds(fresh, variation)
     mean_off = variation.bound + lost + np.broadcast_to(fresh.difference.mean, len(names))
@@ -321,7 +321,7 @@ def issue_certificate(
     failed = fresh.failed
     if failed:
         missing = (
-            f"{failed} of {len(fresh.theta)} model runs at fresh draws failed, where nothing wrong was foreseen",
+            f"{failed} of {len(fresh.theta)} model runs at fresh draws failed, although no failure was expected there",
             *missing,
         )
     reasons = (*missing, *_what_varies(variation, mean_off, sd_off, correlation_off, names, limits, correction))
@@ -364,51 +364,50 @@ def _what_varies(
     limits: Limits,
     correction: Correction | None,
 ) -> tuple[str, ...]:
-    """Failures of the weights, or of what the runs have taught."""
+    """Limits that the weights, or the correction from the runs, exceed."""
     reasons = []
     furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
     because = (
-        f"the weights of the draws may vary by {_number(variation.bound)}, so that the mean of {names[furthest]} "
+        f"the weights' coefficient of variation may be {_number(variation.bound)}, so that the mean of {names[furthest]} "
         if correction is None
-        else f"as the runs have taught, {correction.said_of(furthest, names[furthest])}, and "
+        else f"according to the model runs, {correction.said_of(furthest, names[furthest])}, and "
     )
     if not mean_off[furthest] <= limits.mean:
         reasons.append(
-            f"{because}may be {_number(mean_off[furthest])} standard deviations off; {limits.mean:g} is allowed"
+            f"{because}may be wrong by {_number(mean_off[furthest])} standard deviations; the limit is {limits.mean:g}"
         )
     if not sd_off[widest] <= limits.sd:
         reasons.append(
-            f"the standard deviation of {names[widest]} may be {_percent(sd_off[widest])} off, and {limits.sd:.0%} is allowed"
+            f"the standard deviation of {names[widest]} may be wrong by {_percent(sd_off[widest])}; the limit is {limits.sd:.0%}"
         )
     if not correlation_off.max() <= limits.correlation:
         one, other = np.unravel_index(np.argmax(np.triu(correlation_off)), correlation_off.shape)
         reasons.append(
-            f"the correlation of {names[one]} and {names[other]} may be {min(correlation_off[one, other], 2.0):.2g} off; "
-            f"{limits.correlation:g} is allowed"
+            f"the correlation of {names[one]} and {names[other]} may be wrong by {min(correlation_off[one, other], 2.0):.2g}; "
+            f"the limit is {limits.correlation:g}"
         )
     return tuple(reasons)
 
 
 def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -> tuple[str, ...]:
-    """Failures that stored model runs reveal: probability that the draws do not visit."""
+    """Probability that the draws have missed, as stored model runs reveal."""
     reasons = []
     if above > limits.above:
         reasons.append(
-            f"a stored model run has {above:.1f} nats more density than any draw: the draws have missed where most of it is"
+            f"a stored model run is {above:.1f} nats above every draw: the draws have missed the region of highest density"
         )
     if excess > limits.excess:
         more = (
-            f"has {'over 100' if excess > 100.0 else f'{excess:.1f}'} nats more density than"
+            f"exceeds the drawn density by {'over 100' if excess > 100.0 else f'{excess:.1f}'} nats"
             if np.isfinite(excess)
-            else "lies where there is no density at all in"
+            else "lies where the drawn density is zero"
         )
         reasons.append(
-            f"a model run within {limits.reach:g} nats of the best {more} the drawn density: it misses a part of the true one"
+            f"a model run within {limits.reach:g} nats of the best {more}: the drawn density misses a part of the true posterior"
         )
     if hidden:
         reasons.append(
-            f"{hidden} stored model runs further away have far more density than the drawn density gives them: it may hide a "
-            "mode there"
+            f"the drawn density is much too low at {hidden} stored model runs further away: it may miss a mode there"
         )
     return tuple(reasons)
 

@@ -1,8 +1,8 @@
-"""Correction by a density q′ between the drawn one q and the true posterior π, whose moments cost no model run.
+"""Correction by a density q′ between the drawn density q and the true posterior π; its moments need no model run.
 
-The differences between the moments of q and of q′ cost no run of the model, since both densities are functions. Model runs bound
-the differences between q′ and π. Where q′ is good, these are small. The sum of both is then a sharper statement on q than the
-weights π/q allow: the weights bound a possible error, while the correction measures the actual one.
+The differences between the moments of q and q′ need no model run, since both densities are functions. Model runs bound the
+differences between q′ and π, which are small if q′ is good. The sum of both then bounds the errors of q more sharply than the
+weights π/q: the weights bound a possible error, while the correction measures the actual error.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from structid.certification.limits import Limits
 
 ERRORS = 3.0
-"""Monte-Carlo errors added to the shift of a mean."""
+"""Number of Monte Carlo errors added to the shift of a mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +23,10 @@ class Correction:
     """Difference of q′ from q."""
 
     distance: float  # total variation, ½ ∫|q′ − q|: no probability of an event differs by more
-    # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
-    mean: Float[np.ndarray, " parameter"]
-    # Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error
-    mean_error: Float[np.ndarray, " parameter"]
-    sd: Float[np.ndarray, " parameter"]  # standard deviation of q′ over that of q
-    correlation: Float[np.ndarray, "parameter parameter"]  # correlations of q′ minus those of q
+    mean: Float[np.ndarray, " parameter"]  # mean of q′ minus mean of q, in standard deviations of q
+    mean_error: Float[np.ndarray, " parameter"]  # Monte Carlo error of `mean`
+    sd: Float[np.ndarray, " parameter"]  # ratio of the standard deviations of q′ and q
+    correlation: Float[np.ndarray, "parameter parameter"]  # difference of the correlations of q′ and q
 
     @classmethod
     def between(
@@ -37,13 +35,13 @@ class Correction:
         of_law: Float[np.ndarray, " point"],
         of_learnt: Float[np.ndarray, " point"],
     ) -> Correction:
-        """Compare two densities by points at which both are known."""
+        """Compare two densities at points at which both are known."""
         old, new = of_law / of_law.sum(), of_learnt / of_learnt.sum()
         middle = old @ theta
         sd = np.sqrt(old @ (theta - middle) ** 2)
         standard = (theta - middle) / np.where(sd > 0.0, sd, 1.0)
         mean = new @ standard
-        # Of the difference of two self-normalised estimates from the same points, in units of a third, the standard deviation.
+        # Error of the difference of two self-normalised estimates at the same points, over an estimated standard deviation.
         scale = 0.5 * mean * (standard**2 - 1.0)
         contributions = new[:, None] * (standard - mean) - old[:, None] * (standard + scale)
         return cls(
@@ -55,7 +53,7 @@ class Correction:
         )
 
     def beyond(self, limits: Limits) -> bool:
-        """Whether q is too far off to be certified, however well q′ is known."""
+        """Whether the error of q exceeds the limits, however well q′ is known."""
         return bool(
             np.abs(self.mean).max() > limits.mean
             or np.abs(self.sd - 1.0).max() > limits.sd
@@ -64,9 +62,7 @@ class Correction:
 
     def said_of(self, index: int, name: str) -> str:
         """Describe the error of a mean."""
-        return (
-            f"the mean of {name} lies {self.mean[index]:+.2f} ± {self.mean_error[index]:.2f} standard deviations away"
-        )
+        return f"the mean of {name} is shifted by {self.mean[index]:+.2f} ± {self.mean_error[index]:.2f} standard deviations"
 
     def mean_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
         """Bound on the error of the means of q."""
@@ -84,7 +80,7 @@ class Correction:
 
 
 def _correlations(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Correlations of weighted points; those of a parameter without spread are 0."""
+    """Correlations of weighted points; 0 for a parameter without spread."""
     away = theta - weights @ theta
     covariance = (weights[:, None] * away).T @ away
     sd = np.sqrt(np.diag(covariance))

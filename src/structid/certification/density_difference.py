@@ -1,4 +1,4 @@
-"""Difference of two densities, by draws of one of them."""
+"""Difference of two densities, from draws of one of them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from structid.certification.correction import Correction
 from structid.certification.fresh_draws import DensityDifference
 
 FOLDS = 10
-"""Groups of draws that are left out together."""
+"""Number of groups of draws; each group is left out in turn."""
 
 
 def density_difference(
     gap: Float[np.ndarray, " draw"], draws: Float[np.ndarray, "draw parameter"]
 ) -> tuple[float, DensityDifference]:
-    """Compare a density p with q, by draws of q."""
+    """Compare a density p with q, from draws of q."""
     scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
     weights = np.exp(gap - scale)
     correction = Correction.between(draws, np.ones(len(draws)), weights)

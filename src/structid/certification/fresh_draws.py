@@ -13,13 +13,11 @@ from structid.certification.limits import Limits
 
 
 class DensityDifference(NamedTuple):
-    """Average difference from q of densities that have not seen some draws."""
+    """Average difference from q of densities fitted without some draws."""
 
-    variation: float = 0.0  # coefficient of variation of their density over that of q
-    # How far their means are away, in standard deviations of q, and their standard deviations, as a share
-    mean: Float[np.ndarray, " parameter"] = np.zeros(1)
-    # How far their means are away, in standard deviations of q, and their standard deviations, as a share
-    sd: Float[np.ndarray, " parameter"] = np.zeros(1)
+    variation: float = 0.0  # coefficient of variation of the ratio of their density to q
+    mean: Float[np.ndarray, " parameter"] = np.zeros(1)  # difference of their means, in standard deviations of q
+    sd: Float[np.ndarray, " parameter"] = np.zeros(1)  # relative difference of their standard deviations
 
     @classmethod
     def average(cls, some: Sequence[DensityDifference]) -> DensityDifference:
@@ -46,18 +44,18 @@ class FreshDraws:
     """Draws of q, or of a wider density, at which the model was run."""
 
     theta: Float[np.ndarray, "draw parameter"]  # in SI; no surrogate was fitted to them
-    # The same as their means and standard deviations are compared; see `Target.compared`
+    # Quantities of the draws whose means and standard deviations are compared; see `Target.compared`
     compared: Float[np.ndarray, "draw parameter"]
     log_true: Float[np.ndarray, " draw"]  # log π there up to a constant, −inf where the model run failed
     log_drawn: Float[np.ndarray, " draw"]  # log q there, up to a constant
-    # What each counts in an average over q: one for plain draws, see `weight_variation`
+    # Weight of each draw in an average over q, one for plain draws; see `weight_variation`
     shares: Float[np.ndarray, " draw"]
     population: Float[np.ndarray, "point parameter"]  # many draws of q, in the compared quantities
     highest: float  # largest log q among them
-    # Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing
+    # Draws at which the model's density is zero, for example for a failed structure, not a failed run. Their weight is zero
     impossible: Bool[np.ndarray, " draw"] | None = None
     difference: DensityDifference = THEMSELVES  # average difference from q of the densities behind `log_drawn`
-    # Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there
+    # Fraction of π that may lie where q is zero and where no draw of q, and no weight, can reveal it
     missing: float = 0.0
 
     @property
@@ -79,7 +77,7 @@ class FreshDraws:
 
     @property
     def failed(self) -> int:
-        """Draws whose model run failed."""
+        """Number of draws whose model run failed."""
         stopped = ~np.isfinite(self.log_true)
         return int((stopped if self.impossible is None else stopped & ~self.impossible).sum())
 
@@ -97,9 +95,8 @@ class FreshDraws:
 class StoredRuns:
     """Log densities at the model runs of all rounds."""
 
-    # Log densities of π and of q there, at the same discrepancy
-    log_true: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
-    # Log densities of π and of q there, at the same discrepancy
+    log_true: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))  # log π
+    # Log q at the same error-model parameters
     log_drawn: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -107,7 +104,7 @@ class StoredRuns:
         return np.asarray(np.isfinite(self.log_true))
 
     def above(self, highest: float) -> float:
-        """Excess of the best run over the best draw."""
+        """Excess of the best run's log density over the best draw's."""
         return float(self.log_true[self._ran].max() - highest) if self._ran.any() else float("-inf")
 
     def excess(self, middle: float, reach: float) -> tuple[float, int]:
@@ -119,7 +116,7 @@ class StoredRuns:
         return float(gap.max() - middle), int(near.sum())
 
     def understated(self, middle: float, limits: Limits) -> int:
-        """Number of runs out of reach that q understates by more than a fraction of their depth below the best."""
+        """Number of runs out of reach that q understates by more than a fraction of their depth below the best run."""
         if not self._ran.any():
             return 0
         depth = self.log_true[self._ran].max() - self.log_true[self._ran]

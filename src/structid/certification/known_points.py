@@ -9,5 +9,5 @@ Points = tuple[np.ndarray, np.ndarray]
 
 
 def joined(first: Points, then: Points) -> Points:
-    """Append points to others."""
+    """Append points to other points."""
     return np.concatenate([first[0], then[0]]), np.concatenate([first[1], then[1]])

@@ -15,27 +15,27 @@ class Limits:
     Parameters
     ----------
     mean : float
-        How far any mean may be off, in posterior standard deviations.
+        Largest error of any mean, in posterior standard deviations.
     sd : float
-        How far any standard deviation may be off, as a share of it.
+        Largest relative error of any standard deviation.
     correlation : float
-        How far any correlation of two parameters may be off: 0.2, where all are independent, changes the standard deviation of
-        the sum of two by a tenth.
+        Largest error of any correlation of two parameters. For independent parameters, an error of 0.2 changes the standard
+        deviation of the sum of two by a tenth.
     confidence : float
-        With which all three hold, over all looks of a calibration together.
+        Confidence with which all three hold, over all attempts of a calibration together.
     above : float
-        How much more density than every draw a stored model run may have [nat].
+        Largest excess of a stored model run's log density over every draw [nat].
     reach : float
-        Stored model runs whose log density is within this distance of the best one are checked [nat].
+        Stored model runs whose log density is within this distance of the best run are checked [nat].
     excess : float
         Largest log π/q of such a run above the median over the draws [nat].
     understated : float
-        q may understate runs further from the best by this share of their distance. If it is worse there, it could hide a mode
-        that no draw visits.
+        q may understate runs further from the best run by this fraction of their distance. If it understates them more, it could
+        miss a mode that no draw visits.
     usable : float
         Largest bound of χ with which re-weighted moments may be used.
     usable_size : float
-        Smallest effective number of draws with which they may.
+        Smallest effective number of draws with which re-weighted moments may be used.
 
     Examples
     --------
@@ -57,16 +57,16 @@ class Limits:
     usable_size: float = 50.0
 
     def confidence_of(self, look: int) -> float:
-        """Confidence of one of several looks; whoever looks often enough sees what he wants by chance.
+        """Confidence of one of several attempts, since one of many attempts can succeed by chance.
 
         Parameters
         ----------
         look : int
-            1 for the first.
+            Number of the attempt, 1 for the first.
 
         Returns
         -------
         float
-            1 − α/2^look, so that the α of all looks sum up to less than one minus the confidence.
+            1 − α/2^look, so that the α of all attempts sum up to less than one minus the confidence.
         """
         return 1.0 - (1.0 - self.confidence) / 2.0**look

@@ -17,7 +17,7 @@ from structid.core.errors import CampaignStoppedError, InputError, Status
 from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
 
-Tell = Callable[[str, int, int], None]
+ReportActivity = Callable[[str, int, int], None]
 """Called with the current activity, the amount done, and the total."""
 
 NOISE = 0.01
@@ -33,11 +33,11 @@ class ModelRuns:
         points: Float[np.ndarray, "point parameter"],
         folder: Path | None,
         executor: Any,
-        tell: Tell | None,
+        report: ReportActivity | None,
     ) -> None:
         self.model, self.space, self.observations = posterior.model, posterior.model_space, posterior.observations
         self.records = tuple({o.record.content_hash: o.record for o in self.observations}.values())
-        self.points, self.folder, self.executor, self.tell = points, folder, executor, tell
+        self.points, self.folder, self.executor, self.report = points, folder, executor, report
         self.retry = False
         self._done: Runs | None = None
 
@@ -49,7 +49,7 @@ class ModelRuns:
     @property
     def runs(self) -> Runs:
         """All runs made so far."""
-        assert self._done is not None  # `make` comes first
+        assert self._done is not None  # `make` must be called first
         return self._done
 
     def make(self, points: Float[np.ndarray, "point parameter"] | None = None) -> None:
@@ -57,12 +57,12 @@ class ModelRuns:
         if points is not None:
             self.points = np.concatenate([self.points, points])
         if self.folder is not None:
-            self._done = self._campaign.run(self.executor, retry=self.retry, progress=self._told)
+            self._done = self._campaign.run(self.executor, retry=self.retry, progress=self._report)
             self.retry = False
         else:
             done = 0 if self._done is None else len(self._done)
             campaign = Campaign(self.model, self.records, self.design[done:], None, self._assignment)
-            runs = campaign.run(self.executor, progress=self._told)
+            runs = campaign.run(self.executor, progress=self._report)
             self._done = runs if self._done is None else self._done + runs
 
     def refuse_another(self) -> None:
@@ -71,7 +71,7 @@ class ModelRuns:
             self._campaign.refuse_another()
 
     def adopt(self) -> None:
-        """Adopt the stored runs of another version of the model; failed ones will be repeated."""
+        """Adopt the stored runs of another version of the model; failed runs will be repeated."""
         self._campaign.adopt()
         self.retry = True
 
@@ -84,18 +84,18 @@ class ModelRuns:
     def _assignment(self) -> str | None:
         return "cycle" if len(self.records) > 1 else None
 
-    def _told(self, ended: int, total: int, _failed: int) -> None:
-        if self.tell is not None:
-            self.tell("model runs", ended, total)
+    def _report(self, ended: int, total: int, _failed: int) -> None:
+        if self.report is not None:
+            self.report("model runs", ended, total)
 
     def refuse_hopeless(self) -> None:
-        """Stop if none of the first runs has completed: the others would fail for the same reason."""
+        """Stop if none of the first runs has completed, since further runs would fail for the same reason."""
         if self.runs.done.any() or (self.runs.status == Status.STRUCTURE_FAILED).any():
             return
         reason, _ = self.runs.failures[0]
         raise CampaignStoppedError(
-            f"None of the first {len(self.runs)} runs of the model has finished. Mostly: {reason.rstrip('.')}. Are the priors "
-            "in the units that you mean? Mend the model or the priors, try them by structid check, and begin anew in "
+            f"None of the first {len(self.runs)} model runs has finished. Most frequent reason: {reason.rstrip('.')}. Check the "
+            "units of the priors. Correct the model or the priors, test them with structid check, and start again in "
             "another folder."
         )
 
@@ -108,9 +108,9 @@ class ModelRuns:
         if not moves.any():
             raise InputError(
                 f"the model's {', '.join(self.model.channels)}",
-                f"a response that is constant in time, in all of {len(values)} runs",
-                "a response that moves",
-                "Does the solver see the record, and does its answer have the sampling of the record?",
+                f"a response that is constant in time, in all {len(values)} runs",
+                "a response that varies in time",
+                "Check that the solver reads the record, and that its response has the record's time step.",
             )
 
     def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
@@ -144,7 +144,7 @@ class ModelRuns:
         return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
 
     def collapsed(self, points: slice) -> Bool[np.ndarray, " point"]:
-        """Points at which the structure failed on some record: the model considers them impossible, and has not failed itself."""
+        """Points at which the structure failed on some record: their density is zero, although no run failed."""
         status = self.runs.status.reshape(len(self.points), len(self.records))[points]
         return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
 
@@ -158,6 +158,6 @@ def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
     if not difference > NOISE:
         return ()
     return (
-        f"the model is not the same function twice: where it was run again, its log density differs by {difference:.2g} nats. "
-        "There is no posterior of a model that has none; fix its random seed",
+        f"the model is not deterministic: where it was run again, its log density differs by {difference:.2g} nats. "
+        "Such a model has no posterior; fix its random seed",
     )

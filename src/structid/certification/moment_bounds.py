@@ -21,7 +21,7 @@ def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tupl
     """E_q (w − 1) f of functions of the parameters."""
     plain = fresh.shares / fresh.shares.sum()
     shifts = (fresh.weights - plain) @ values
-    # Of a self-normalised estimate.
+    # Error of a self-normalised estimate.
     contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * shifts
     return shifts, np.sqrt(np.sum(contributions**2, axis=0))
 
@@ -29,13 +29,13 @@ def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tupl
 def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
     """Bound on the relative error of each standard deviation.
 
-    The smaller of two bounds on the shift of the variance applies: that by χ, which assumes the worst possible weights, and that
-    by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged like χ, and all parameters are bounded
-    simultaneously. Where a marginal has long tails, the draws are more informative.
+    The smaller of two bounds on the shift of the variance applies. The bound by χ assumes the worst possible weights. The bound
+    by the draws is E_q (w − 1) z² with its error. This error is enlarged like χ, and all parameters are bounded simultaneously.
+    If a marginal has long tails, the draws are more informative.
     """
     estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
     quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
-    with np.errstate(invalid="ignore"):  # of an infinite variation
+    with np.errstate(invalid="ignore"):  # the variation may be infinite
         by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
     by_variation = variation.of_variance(_kurtosis(fresh.population))
     return _of_sd(np.fmin(by_draws, by_variation))
@@ -45,7 +45,7 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np
     """Bound on the error of the correlation of every two parameters.
 
     A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This
-    is at most χ sd_q(f), for normal ones χ (1 − ρ²), and the square of χ bounds the effect of the means.
+    is at most χ sd_q(f), for normal parameters χ (1 − ρ²), and the square of χ bounds the effect of the means.
     """
     z = _in_sds(fresh.population, fresh.population)
     rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
@@ -53,23 +53,23 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np
     # E f² = E z₁² z₂² − ρ E (z₁³ z₂ + z₁ z₂³) + ¼ ρ² E (z₁² + z₂²)², and E f = 0.
     spread = squares - rho * (cubes + cubes.T) + 0.25 * rho**2 * (fourth[:, None] + 2.0 * squares + fourth)
     square = variation.bound**2
-    with np.errstate(invalid="ignore"):  # of an infinite variation
+    with np.errstate(invalid="ignore"):  # the variation may be infinite
         bound = np.fmax(variation.bound * np.sqrt(np.maximum(spread, 0.0)) + square, square)
     np.fill_diagonal(bound, 0.0)
     return np.asarray(bound)
 
 
 def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
-    """Bounds on the errors of means and standard deviations because q is zero where a fraction δ of π lies.
+    """Bounds on the errors of means and standard deviations if q is zero where a fraction δ of π lies.
 
-    If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
+    If q is right elsewhere, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
     """
     lost = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
     return lost, _of_sd(replace(variation, bound=lost).of_variance(_kurtosis(fresh.population)))
 
 
 def _of_sd(of_variance: np.ndarray) -> np.ndarray:
-    """Largest relative error of a standard deviation, given that of its variance."""
+    """Largest relative error of a standard deviation, from the largest relative error of its variance."""
     return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
 
 
@@ -79,6 +79,6 @@ def _kurtosis(draws: np.ndarray) -> np.ndarray:
 
 
 def _in_sds(values: np.ndarray, population: np.ndarray) -> np.ndarray:
-    """Values in standard deviations of a population from its mean; where it has no spread, their distance from it."""
+    """Distances from a population's mean in its standard deviations; plain distances if it has no spread."""
     sd = population.std(axis=0)
     return np.asarray((values - population.mean(axis=0)) / np.where(sd > 0.0, sd, 1.0))

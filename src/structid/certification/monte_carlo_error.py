@@ -24,7 +24,7 @@ class MonteCarloError:
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
-        """Estimate it from the draws in the order in which they were drawn.
+        """Estimate the error from the draws in the order in which they were drawn.
 
         By the central limit theorem for chains, the mean of a function f over draws errs by its standard error times a normal
         quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for a correlation
@@ -69,8 +69,8 @@ class MonteCarloError:
         if times[worst] <= 1.0:
             return ()
         return (
-            f"there are too few draws: they count as {self.size:.0f} independent ones, so that {kind} of {names[worst]} over them "
-            f"may be {off[worst]} from that of their density (Monte Carlo error), and {allowed} is allowed; draw "
+            f"there are too few draws: they count as {self.size:.0f} independent draws, so that {kind} of {names[worst]} may have "
+            f"a Monte Carlo error of {off[worst]}; the limit is {allowed}; draw "
             f"{max(times[worst] ** 2, 1.1):.2g} times as many",
         )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.model_runs import ModelRuns, Tell, noise_doubts
+from structid.certification.model_runs import ModelRuns, ReportActivity, noise_doubts
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
 
@@ -16,8 +16,8 @@ from structid.inference.target import Target
 class Truth:
     """The true posterior at requested points, one set after another."""
 
-    def __init__(self, posterior: Target, folder: Path | None, executor: Any, tell: Tell | None) -> None:
-        self.posterior, self.folder, self.executor, self.tell = posterior, folder, executor, tell
+    def __init__(self, posterior: Target, folder: Path | None, executor: Any, report: ReportActivity | None) -> None:
+        self.posterior, self.folder, self.executor, self.report = posterior, folder, executor, report
         self.runs: ModelRuns | None = None
         self.theta = np.empty((0, posterior.dimension))
         self.log_density = np.empty(0)
@@ -31,12 +31,12 @@ class Truth:
         return log_true
 
     def twice(self) -> tuple[str, ...]:
-        """Repeat the first point: a model with two densities at one point is no function."""
+        """Repeat the first point, to detect a model that is not deterministic."""
         return noise_doubts(float(self.log_density[0]), float(self._run(self.theta[:1])[0]))
 
     @property
     def impossible(self) -> np.ndarray:
-        """Points at which −inf is the model's answer, and no failed run."""
+        """Points at which the model's density is zero although no run failed."""
         none = np.zeros(len(self.theta), dtype=bool)
         return none if self.runs is None else self.runs.collapsed(slice(len(self.theta)))
 
@@ -46,7 +46,7 @@ class Truth:
             return np.asarray(self.posterior.log_density(theta))
         points = np.asarray(self.posterior.model_parameters(theta))
         if self.runs is None:
-            self.runs = ModelRuns(self.posterior, points, self.folder, self.executor, self.tell)
+            self.runs = ModelRuns(self.posterior, points, self.folder, self.executor, self.report)
             self.runs.make()
             self.runs.refuse_rest()
         else:

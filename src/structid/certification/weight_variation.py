@@ -1,7 +1,7 @@
 """Variation of importance weights: their coefficient of variation χ, and a bound for it from few draws.
 
-With π the true posterior, q the one that was drawn from and w = π/q, scaled so that E_q w = 1, χ = sd_q(w). For every function f of
-the parameters E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the inequality of Cauchy and Schwarz
+Let π be the true posterior, q the drawn density and w = π/q, scaled so that E_q w = 1. Then χ = sd_q(w). For every function f of
+the parameters, E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the Cauchy-Schwarz inequality
 
     |E_π f − E_q f| ≤ χ sd_q(f).
 
@@ -21,11 +21,11 @@ from structid.inference.convergence import weighted_size
 
 KURTOSIS = 6.0
 """Smallest kurtosis of the weights that the bound assumes: twice that of a normal distribution, since a surrogate errs most in
-the tails. A larger one in the draws is used instead."""
+the tails. A larger kurtosis in the draws is used instead."""
 
 NOISE = 0.02
-"""Standard deviation of noise that is formally added to the weights and subtracted from the bound. One outlier among weights
-that hardly vary says little about a variance; it says more about a variance that includes that of the noise."""
+"""Standard deviation of noise that is formally added to the weights and subtracted from the bound. The variance of
+nearly constant weights with one outlier is poorly determined; the noise makes the estimate more reliable."""
 
 LEAST_QUANTILE = 1e-12
 """Smallest usable quantile; below it a few weights outweigh all others and nothing is bounded."""
@@ -35,12 +35,12 @@ LEAST_QUANTILE = 1e-12
 class WeightVariation:
     """The coefficient of variation of importance weights."""
 
-    estimate: float  # χ̂ from the draws; infinite where all weights but one vanish
-    # U, which is above χ with the confidence asked for if the weights are no more heavy-tailed than they look
+    estimate: float  # χ̂ from the draws; infinite if all weights but one vanish
+    # U, an upper bound of χ at the given confidence if the weights are no more heavy-tailed than these draws
     bound: float
     confidence: float  # confidence of the bound
     draws: float  # effective number of draws
-    # How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise
+    # Factor by which a standard deviation may exceed its estimate from these draws: U/χ̂, without noise
     inflation: float = 1.0
 
     def of_probability(self, p: float | np.ndarray) -> float | np.ndarray:
@@ -59,7 +59,7 @@ def weight_variation(
     shares = shares / shares.sum()
     count = weighted_size(shares)
     ran = np.isfinite(log_ratios)
-    # One draw that counts for all of them says nothing of how weights vary.
+    # A single effective draw contains no information on the variation of weights.
     if not ran.any() or count <= 1.0 + np.finfo(float).eps:
         return WeightVariation(np.inf, np.inf, confidence, count)
     weights = np.exp(log_ratios - log_ratios[ran].max())

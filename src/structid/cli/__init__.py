@@ -1,1 +1,1 @@
-"""The command line: commands, screen, exit codes."""
+"""The command line: commands, screen output, exit codes."""

@@ -15,7 +15,7 @@ from structid.core.errors import InputError, StructidError
 
 
 def about(
-    version: Annotated[bool, typer.Option("--version", help="Say the version.", is_eager=True)] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
 ) -> None:
     """Bayesian structural identification: from a measured response history to a posterior one can trust."""
     if version:
@@ -24,7 +24,7 @@ def about(
 
 
 def application() -> typer.Typer:
-    """Combine the registered commands."""
+    """Build the application from the registered commands."""
     app = typer.Typer(
         no_args_is_help=True,
         pretty_exceptions_enable=False,
@@ -37,15 +37,15 @@ def application() -> typer.Typer:
 
 
 def _stopped_by_the_system(number: int, frame: Any) -> None:
-    """Treat a termination signal, as batch systems send it, like Ctrl-C."""
+    """Treat the termination signal of a batch system like Ctrl-C."""
     raise KeyboardInterrupt
 
 
 def main() -> None:
-    """Run the command line; a user's mistake is one paragraph and exit code 2."""
+    """Run the command line; a user's mistake prints one paragraph and gives exit code 2."""
     signal.signal(signal.SIGTERM, _stopped_by_the_system)
     try:
-        # Without its standalone mode typer returns the exit code and lets errors through.
+        # Outside its standalone mode, typer returns the exit code and passes errors on.
         sys.exit(application()(standalone_mode=False) or DONE)
     except InputError as mistake:
         errors.print(str(mistake), style="red", markup=False, soft_wrap=True)
@@ -57,7 +57,7 @@ def main() -> None:
         errors.print(f"{failure.filename or 'a file'}: {failure.strerror or failure}.", style="red", markup=False)
         sys.exit(FAILED)
     except Exception as problem:
-        if hasattr(problem, "show") and hasattr(problem, "exit_code"):  # a mistake on the command line itself
+        if hasattr(problem, "show") and hasattr(problem, "exit_code"):  # an error in the command line itself
             problem.show()
             sys.exit(WRONG_INPUT)
         raise

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 DONE = 0
 """Exit code: done."""
 FAILED = 1
-"""Exit code: it could not be done."""
+"""Exit code: the command could not be completed."""
 WRONG_INPUT = 2
 """Exit code: the input is wrong."""
 NOT_CONVERGED = 3
-"""Exit code: done, but not converged or not certified."""
+"""Exit code: done, but the result is not converged or not certified."""
 
 SILENCE = 30.0
-"""Interval [s] of status lines of a long stage without a terminal."""
+"""Interval [s] between the status lines of a long stage where there is no terminal."""
 
 LOGGED = ("calibration", "inference")
 """Loggers whose messages are shown during a run."""
@@ -38,14 +38,14 @@ errors = Console(stderr=True, highlight=False)
 
 @contextmanager
 def stage(name: str, passing: bool = False) -> Iterator[Any]:
-    """Show the progress of a stage: a bar, or lines without a terminal."""
+    """Show the progress of a stage by a bar, or by lines where there is no terminal."""
     with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as report:
         yield report
 
 
 @contextmanager
 def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
-    """A bar with rate and remaining time."""
+    """Show a bar with the rate and the remaining time."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -68,41 +68,41 @@ def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
     with Progress(*columns, console=screen, transient=passing) as bar:
         task = bar.add_task(name, total=None, rate="", failed="")
 
-        def told(done: int, total: int, failed: int = 0) -> None:
+        def report(done: int, total: int, failed: int = 0) -> None:
             speed = bar.tasks[0].speed
             rate, lost = f"{speed:.1f}/s" if speed else "", f"{failed} failed" if failed else ""
             bar.update(task, completed=done, total=total, rate=rate, failed=lost)
 
-        yield told
+        yield report
         total = bar.tasks[0].total or 1
         bar.update(task, completed=total, total=total)
 
 
 @contextmanager
 def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
-    """A line at the end, and one every half minute, for a file or a batch queue."""
+    """Print a line every half minute and a line at the end, for a file or a batch queue."""
     began = reported = time.monotonic()
     of, lost = "", ""
 
-    def say(done: str, end: str = "") -> None:
+    def print_line(done: str, end: str = "") -> None:
         if not silent:
             after = f"{time.monotonic() - began:.0f} s{end}"
             screen.print(f"{name:<30} {done + of + lost:>13}  {after}", markup=False, soft_wrap=True)
 
-    def told(done: int, total: int, failed: int = 0) -> None:
+    def report(done: int, total: int, failed: int = 0) -> None:
         nonlocal reported, of, lost
         of, lost = f"/{total:,}", f", {failed} failed" if failed else ""
         if time.monotonic() > reported + SILENCE:
             reported = time.monotonic()
-            say(f"{done:,}", ", going on")
+            print_line(f"{done:,}", ", continuing")
 
-    yield told
-    say(of[1:])  # what ends before its last step has found what it was after
+    yield report
+    print_line(of[1:])  # a stage that ends before its last step has reached its goal
 
 
 @contextmanager
 def findings_on_screen() -> Iterator[None]:
-    """Print findings as they are logged: every round of a calibration, the error model."""
+    """Print findings as soon as they are logged: every round of a calibration, the chosen error model."""
     logs, handler = [logging.getLogger(f"structid.{room}") for room in LOGGED], _OnScreen(logging.INFO)
     levels = [log.level for log in logs]
     for log in logs:
@@ -117,14 +117,14 @@ def findings_on_screen() -> Iterator[None]:
 
 
 class _OnScreen(logging.Handler):
-    """Log messages on the screen, above a progress bar."""
+    """Handler that prints log messages above the progress bar."""
 
     def emit(self, record: logging.LogRecord) -> None:
         screen.print(record.getMessage(), style="bold", markup=False, soft_wrap=True)
 
 
 def print_table(heads: list[str], rows: list[list[str]]) -> None:
-    """Print a table: one row per item where the screen is wide enough, else a block."""
+    """Print a table: one row per item if the screen is wide enough, otherwise one block per item."""
     from structid.inference.model_comparison.comparison import aligned
 
     lines = aligned(heads, rows)
@@ -138,7 +138,7 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
 
 def finish(outcome: StudyOutcome) -> None:
-    """Print the result of a study. The exit code shows whether to believe it."""
+    """Print the result of a study; the exit code shows whether the result can be trusted."""
     from structid.campaign.runs import Runs
 
     screen.print()
@@ -150,7 +150,7 @@ def finish(outcome: StudyOutcome) -> None:
     if outcome.result is None:
         _print_plainly(f"Report: {outcome.report.resolve()}")
         if runs is not None and not runs.done.any():
-            raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
+            raise CampaignStoppedError("No run has finished. See the reasons with: structid runs DIR --failed")
         return
     _print_posterior(outcome, outcome.result)
     _print_plainly(f"\nReport: {outcome.report.resolve()}")
@@ -159,7 +159,7 @@ def finish(outcome: StudyOutcome) -> None:
 
 
 def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
-    """Print the page's first box, the error model, the certificate and the verdict."""
+    """Print the summary, the error model, the certificate and the verdict."""
     from structid.calibration.calibration_result import CalibrationResult
     from structid.inference.error_model_choice import ErrorModelChoice
     from structid.report.page_summary import page_summary
@@ -181,7 +181,7 @@ def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
 
 
 def _print_results_of_tables(outcome: StudyOutcome, needs_draws: bool) -> None:
-    """Print the results of the stages that have a table of their own."""
+    """Print the results of the stages that have their own table in the study file."""
     from structid.study.stages import stage_list
 
     for stage in stage_list.STAGES:
@@ -190,5 +190,5 @@ def _print_results_of_tables(outcome: StudyOutcome, needs_draws: bool) -> None:
 
 
 def _print_plainly(text: str, style: str = "") -> None:
-    """Print text as it is: brackets are no markup, and lines stay whole."""
+    """Print text unchanged: brackets are not markup, and lines are not broken."""
     screen.print(text, style=style, markup=False, soft_wrap=True)

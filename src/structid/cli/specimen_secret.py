@@ -1,4 +1,4 @@
-"""The shared secret of a specimen's server and its clients: from a file or the environment, never on the command line."""
+"""The shared secret of a specimen server and its clients: from a file or the environment, never from the command line."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ VARIABLE = "STRUCTID_SPECIMEN_SECRET"
 
 SecretFile = Annotated[
     Path | None,
-    typer.Option(help=f"A file with the secret that both sides share, 16 characters or more; or set {VARIABLE}."),
+    typer.Option(help=f"File with the shared secret, 16 characters or more; or set {VARIABLE}."),
 ]
 
 
 def secret_of(path: Path | None) -> str:
-    """Read the secret."""
+    """Read the secret from the file, or from the environment."""
     if path is not None:
         if not path.is_file():
-            cure = f'Make one: python -c "import secrets; print(secrets.token_hex(32))" > {path}'
-            raise InputError("--secret-file", f"{path}, which does not exist", "a file with a secret", cure)
+            cure = f'Create the file: python -c "import secrets; print(secrets.token_hex(32))" > {path}'
+            raise InputError("--secret-file", f"{path} does not exist", "a file with the secret", cure)
         return path.read_text(encoding="utf-8").strip()
     if secret := os.environ.get(VARIABLE, ""):
         return secret.strip()
-    raise InputError("--secret-file", "nothing", f"a file with a secret, or {VARIABLE} in the environment")
+    raise InputError("--secret-file", "no secret given", f"a file with the secret, or the variable {VARIABLE}")

@@ -1,1 +1,1 @@
-"""Tools that every room uses: errors, checks of arguments, units, names, random streams, files that survive a kill."""
+"""Tools for all subpackages: errors, checks of arguments, units, names, random streams, files that survive a kill."""

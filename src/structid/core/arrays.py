@@ -1,8 +1,8 @@
-"""The type of arrays that are NumPy's outside JAX and JAX's inside it, for signatures."""
+"""Array type for signatures: a NumPy array outside JAX, a JAX array inside it."""
 
 from __future__ import annotations
 
 from typing import Any
 
 Array = Any
-"""An array of NumPy outside JAX, of JAX inside it."""
+"""A NumPy array outside JAX, a JAX array inside it."""

@@ -11,14 +11,14 @@ T = TypeVar("T")
 class ByType:
     """At most one object of each type: ``results.get(Fragility)`` is a `Fragility` or None.
 
-    The type is that under which an object was put in, so that a subclass may stand for its base.
+    An object is stored under a given type, so a subclass can be stored under its base class.
     """
 
     def __init__(self, content: Mapping[type, Any] | None = None) -> None:
         self._content = {kind: value for kind, value in (content or {}).items() if value is not None}
 
     def get(self, kind: type[T]) -> T | None:
-        """The object of a type; None where there is none."""
+        """Return the object of a type, or None if there is none."""
         return self._content.get(kind)
 
     def __getitem__(self, kind: type[T]) -> T:
@@ -35,5 +35,5 @@ class ByType:
         return ByType(self._content | others._content)
 
     def having(self, kind: type[T], value: T | None) -> ByType:
-        """Return the same objects with another one of this type; None leaves it out."""
+        """Return a copy in which the object of this type is replaced; None removes it."""
         return ByType({**self._content, kind: value})

@@ -17,7 +17,7 @@ class ChannelUnit(NamedTuple):
 
 
 UNKNOWN = ChannelUnit("", "")
-"""Units of a channel that neither its name nor its model declares."""
+"""Units of a channel for which neither its name nor its model declares any."""
 
 STANDARD_CHANNELS = {
     "displacement": ChannelUnit("m", "mm"),
@@ -76,7 +76,7 @@ def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) ->
     names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
     for name in names:
         if name not in known and f"absolute_{name}" in known:
-            cure = f"A sensor on the structure measures 'absolute_{name}'; 'relative_{name}' is that against its base."
+            cure = f"A sensor on the structure measures 'absolute_{name}'; 'relative_{name}' is relative to the base."
             raise InputError(where, f"'{name}'", ", ".join(known), cure)
         check_choice(where, name, known)
     if not names or len(set(names)) < len(names):

@@ -1,4 +1,4 @@
-"""Cores and threads that this process may use, and the folder for compiled code."""
+"""Number of cores and threads for this process, and the folder for compiled code."""
 
 from __future__ import annotations
 

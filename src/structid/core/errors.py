@@ -1,4 +1,4 @@
-"""Exceptions, warnings, and the status of a run."""
+"""Exceptions and warnings of the package, and the status of a model run."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ class StructidError(Exception):
 
 
 class InputError(StructidError, ValueError):
-    """Something the caller gave is wrong; the message says what is wrong, what was expected, and what to do.
+    """Invalid input from the caller. The message states the fault, the expected input and the remedy.
 
     Parameters
     ----------
     where : str
         The file, key, line or argument at fault.
     came : str
-        What was found there.
+        Short phrase that states the fault or the given value.
     allowed : str
-        What may stand there.
+        Noun phrase for the expected input.
     cure : str, optional
-        What to do about it, as a full sentence.
+        Remedy, as a full sentence.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class InputError(StructidError, ValueError):
 
 @contextmanager
 def undamaged(path: object, content: str) -> Iterator[None]:
-    """Explain which file cannot be read and what is lost with it."""
+    """Turn a read error into a message that names the damaged file and its content."""
     try:
         yield
     except StructidError:
@@ -64,15 +64,15 @@ def undamaged(path: object, content: str) -> Iterator[None]:
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, OverflowError) as cause:
         raise InputError(
             f"{path}",
-            f"it is damaged, or no file of structid ({type(cause).__name__}: {cause})",
-            f"a file with {content}, as it was written",
-            "Take it from a copy. Or remove it: what it holds is then done again.",
+            f"it is damaged, or structid did not write it ({type(cause).__name__}: {cause})",
+            f"an undamaged file with {content}",
+            "Restore it from a copy, or remove it: structid then computes its content again.",
         ) from cause
 
 
 @contextmanager
 def within(where: str) -> Iterator[None]:
-    """Add the place in the user's file to an error message."""
+    """Prefix an error message with the location in the user's file."""
     try:
         yield
     except InputError as error:
@@ -107,7 +107,7 @@ class StructidWarning(UserWarning):
 
 
 class UnlikeMeasuredWarning(StructidWarning):
-    """Model runs differ from the measurement so much that a unit, a sign or a clock is probably wrong."""
+    """Model runs differ from the measurement so much that a unit, a sign or the time base is probably wrong."""
 
 
 class Status(IntEnum):

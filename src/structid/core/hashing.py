@@ -1,4 +1,4 @@
-"""Content hashes of arrays, settings and functions, for stores that must not be mixed."""
+"""Content hashes of arrays, settings and functions, which identify the study that a store belongs to."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ import hashlib
 import json
 import types
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+
+LARGEST_DESCRIPTION = 100_000
+"""Number of objects in a description above which an object enters only once, and later by its number.
+
+Objects that refer to one another by many paths, such as a model of another library, would otherwise be described once per path.
+Smaller descriptions contain every object in full, so that hashes in earlier stores stay valid.
+"""
 
 
 def digest(*parts: Any) -> str:
@@ -24,23 +32,50 @@ def digest(*parts: Any) -> str:
 
 
 def function_identity(function: Any) -> str:
-    """Hash of a function's behaviour, as far as it can be determined.
+    """Hash of everything that can be determined about a function's behaviour.
 
     The hash covers the code, defaults and closure of the function, and everything it uses from its own module: functions,
-    classes, numbers, strings and arrays. Names imported from other modules count by name only.
+    classes, numbers, strings and arrays. Objects imported from other modules enter by name only.
     """
-    return digest(_described(function, set()))
+    try:
+        return digest(_described(function, _Walk()))
+    except _TooManyObjectsError:
+        return digest(_described(function, _Walk(numbers={})))
 
 
-def _described(value: Any, seen: set[int]) -> Any:
-    """Represent a value in JSON-compatible form; `seen` prevents infinite recursion."""
+class _TooManyObjectsError(Exception):
+    """A description that spells every object out is too large."""
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """The path to an object, and what all paths of one description share."""
+
+    path: frozenset[int] = frozenset()  # identities of the objects that contain it, which prevent an endless recursion
+    visited: list[Any] = field(default_factory=list)  # all objects so far, kept alive so that an identity stays theirs
+    numbers: dict[int, int] | None = None  # number of each described object; None while every object is spelled out
+
+    def into(self, value: Any) -> _Walk:
+        """The walk inside an object."""
+        if self.numbers is not None:
+            self.numbers[id(value)] = len(self.visited)
+        elif len(self.visited) >= LARGEST_DESCRIPTION:
+            raise _TooManyObjectsError
+        self.visited.append(value)
+        return replace(self, path=self.path | {id(value)})
+
+
+def _described(value: Any, seen: _Walk) -> Any:
+    """Represent a value in JSON-compatible form."""
     if isinstance(value, (str, int, float, bool, type(None))):
         return value
     if isinstance(value, (bytes, complex)):
         return repr(value)
-    if id(value) in seen:
+    if id(value) in seen.path:
         return getattr(value, "__qualname__", type(value).__qualname__)
-    seen = seen | {id(value)}
+    if seen.numbers is not None and id(value) in seen.numbers:
+        return ["object", seen.numbers[id(value)]]
+    seen = seen.into(value)
     if isinstance(value, types.FunctionType):
         return _described_function(value, seen)
     if isinstance(value, types.MethodType):
@@ -59,7 +94,7 @@ def _described(value: Any, seen: set[int]) -> Any:
         return sorted((_described(v, seen) for v in value), key=repr)
     if isinstance(value, Mapping):
         return {str(k): _described(v, seen) for k, v in value.items()}
-    if hasattr(value, "__array__"):  # an array of NumPy or JAX, or a table
+    if hasattr(value, "__array__"):  # a NumPy or JAX array, or a table
         return digest(np.asarray(value))
     if isinstance(value, types.ModuleType):
         return value.__name__
@@ -78,7 +113,7 @@ _NOT_BEHAVIOUR = (
 """Members of a class that do not affect its behaviour."""
 
 
-def _described_object(value: Any, seen: set[int]) -> Any:
+def _described_object(value: Any, seen: _Walk) -> Any:
     """Represent the type and content of an object, or its string attribute ``identity`` where it has one."""
     identity = getattr(value, "identity", None)
     if isinstance(identity, str):
@@ -96,13 +131,13 @@ def _described_object(value: Any, seen: set[int]) -> Any:
         for name in (slots,) if isinstance(slots, str) else slots:
             if name not in _NOT_BEHAVIOUR and hasattr(value, name):
                 state[name] = getattr(value, name)
-    # Whether a cached property is stored depends on earlier calls, and it holds no new information.
+    # A cached property is stored only after its first use, and it contains no additional information.
     state = {k: v for k, v in state.items() if not isinstance(getattr(type(value), k, None), functools.cached_property)}
     described = {k: _described(v, seen) for k, v in sorted(state.items())}
     return [_described(type(value), seen) if "__call__" in vars(type(value)) else type(value).__qualname__, described]
 
 
-def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
+def _described_function(function: types.FunctionType, seen: _Walk) -> Any:
     home = function.__globals__
     used = {name: home[name] for name in sorted(_names_in(function.__code__)) if name in home}
     local = {name: v for name, v in used.items() if getattr(v, "__module__", home["__name__"]) == home["__name__"]}

@@ -1,4 +1,4 @@
-"""An append-only journal on disk that survives a kill at any moment, and safe reading and writing of files."""
+"""An append-only journal file that survives a kill at any moment, and safe reading and writing of files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Journal:
         if self.path.exists() and self.path.stat().st_size > 0:
             self._end = self._check()
         else:
-            self._end = 0  # created with the first entry, so that a campaign without a run leaves no file
+            self._end = 0  # the first entry creates the file, so a campaign without runs leaves none
 
     def _create(self) -> None:
         header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
@@ -70,7 +70,7 @@ class Journal:
         return end
 
     def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
-        """Copy a journal that is damaged in the middle: a kill damages only the last entry, so intact entries may follow."""
+        """Copy a journal that is damaged in the middle: intact entries may follow, since a kill damages only the last entry."""
         file.seek(end)
         head = file.read(_FRAME.size)
         if len(head) < _FRAME.size:
@@ -81,7 +81,7 @@ class Journal:
         copy = self.path.with_name(self.path.name + ".damaged")
         shutil.copyfile(self.path, copy)
         warnings.warn(
-            f"{self.path} is damaged at byte {end}; entries after that are not read. They are kept in {copy}.",
+            f"{self.path} is damaged at byte {end}; later entries are not read. A copy of the file is kept as {copy}.",
             stacklevel=4,
         )
 
@@ -92,12 +92,12 @@ class Journal:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Journal:
-        """Open a journal of any identity for reading."""
+        """Open a journal for reading, whatever its identity."""
         return cls(path, _identity_of(Path(path)))
 
     @staticmethod
     def entries_after(path: str | os.PathLike[str], place: int) -> tuple[list[dict[str, np.ndarray]], int]:
-        """Read the entries written after a position, while another process may still write."""
+        """Read the entries written after a position; another process may still be writing."""
         entries = []
         with Path(path).open("rb") as file:
             file.seek(place or len(_MAGIC))
@@ -116,7 +116,7 @@ class Journal:
         self._end = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one entry; it is safe on disk when this returns."""
+        """Write one entry; it is on disk when the method returns."""
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
         framed = _frame(buffer.getvalue())
@@ -165,11 +165,11 @@ def write_then_rename(path: Path, content: bytes) -> None:
 
 
 READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
-"""Version that wrote each layout. Random streams changed in 0.2, last digits in 0.3."""
+"""Version that wrote each layout. The random streams changed in 0.2, the last digits of results in 0.3."""
 
 
 def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
-    """Refuse a store of another layout, and name the version that reads it."""
+    """Refuse a store of another layout, and name the version that can read it."""
     if found == expected or expected is None:
         return
     version = READERS.get(1 if found is None else found)
@@ -178,15 +178,15 @@ def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
         f"store {path}",
         f"it was written by another version of structid (layout {1 if found is None else found})",
         f"a store of layout {expected}",
-        f"It can be read with {reader}. Name another store or folder to do the work anew; this one has not been touched.",
+        f"It can be read with {reader}. To start again, name another store or folder. This one is unchanged.",
     )
 
 
 CURES = {
-    "model": "To keep the runs of an earlier version of the solver: --adopt, in Python adopt=True.",
-    "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
+    "model": "To keep the runs of an earlier solver version, use --adopt (in Python: adopt=True).",
+    "engine": "The engines agree except in the last digits. To continue with JAX: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
 }
-"""What to do where two identities differ in nothing else."""
+"""Remedy if two identities differ in this key only."""
 
 
 @contextmanager
@@ -198,26 +198,26 @@ def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
     if given.is_file() and given.stat().st_size > 0:
         with given.open("rb") as raw:
             if raw.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
-                cure = "Name another file: this one is left as it is."
+                cure = "Name another file. This one is unchanged."
                 raise InputError(
-                    f"{path}", "it is no HDF5 file", f"a file in which structid has stored {content}", cure
+                    f"{path}", "it is not an HDF5 file", f"a file in which structid has stored {content}", cure
                 )
     with undamaged(path, content), h5py.File(given, "r") as file:
         yield file
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
-    """Refuse a store with another identity, and report the differences."""
+    """Refuse a store with a different identity, and report the differences."""
     refuse_other_layout(path, found.get("schema"), expected.get("schema"))
     differing = differences(found, expected)
     if differing:
-        what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
+        what = "; ".join(f"{k} is {found.get(k)!r} in the store, {expected.get(k)!r} here" for k in differing)
         cure = "".join(f" {CURES[key]}" for key in differing) if set(differing) <= CURES.keys() else ""
         raise StoreMismatchError(
             f"store {path}",
             f"it belongs to another study: {what}",
-            "a store of exactly this study, or a new file",
-            f"Name another store or folder, or move this one away; it has not been changed.{cure}",
+            "the store of this study, or a new file",
+            f"Name another store or folder, or move this one away. It is unchanged.{cure}",
         )
 
 

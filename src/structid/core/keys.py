@@ -1,4 +1,4 @@
-"""Building blocks of the study file's tables: strict tables, and quantities with units."""
+"""Building blocks of a study file's tables: tables that refuse unknown keys, and quantities with units."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from structid.core.units import to_si
 
 
-class Section(BaseModel):
+class FileTable(BaseModel):
     """A table of the study file that refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
 def quantity(unit: str) -> Any:
-    """Type of a value given as an SI number or as a string with a unit of the same dimension."""
+    """Type of a value that is an SI number, or a string with a unit of the same dimension."""
     return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
 
 

@@ -1,4 +1,4 @@
-"""How results are displayed in a notebook."""
+"""Display of results and figures in a notebook."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class ShownAsText:
-    """Mixin for objects that print as a table: a notebook displays the same text."""
+    """Mixin for objects that print as a table: a notebook displays the printed text."""
 
     def _repr_html_(self) -> str:
         return f'<pre style="font-size: 0.85em; overflow-x: auto">{html.escape(str(self))}</pre>'

@@ -1,15 +1,15 @@
-"""Progress of long computations: the callback type, and stages combined into one count."""
+"""Progress of long computations: the type of the callback, and stages combined into one percentage."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
 Progress = Callable[[int, int], None]
-"""Called with the number of finished steps and their total."""
+"""Callback whose arguments are the number of finished steps and the total number."""
 
 
 class Stages:
-    """Combines the progress of stages of different weight into percent of the whole."""
+    """Weighted progress of several stages, as a percentage of the total."""
 
     def __init__(self, progress: Progress | None, weights: Mapping[str, float]) -> None:
         self._progress, self._weights = progress, dict(weights)
@@ -27,18 +27,18 @@ class Stages:
         return report
 
     def done(self, stage: str) -> None:
-        """Report a stage as finished, however many of its steps it took."""
+        """Report a stage as finished, even if it did not need all its steps."""
         self.of(stage)(1, 1)
 
 
 class Steps:
-    """Counts steps; each call counts one."""
+    """A counter of steps; each call counts one step."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0
 
     def __call__(self) -> None:
-        """Count one more step."""
+        """Count one step and report the progress."""
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, self._total)

@@ -1,4 +1,4 @@
-"""Progress bars for notebooks and scripts; the command line has its own."""
+"""Progress bars for notebooks and scripts; the command line draws its own bars."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class ProgressBars:
     """Progress bars in a notebook or a terminal, to be passed as ``progress`` and used as a context.
 
-    Every step that reports its progress has its own bar, with the time left::
+    Every step that reports progress gets its own bar, with the remaining time::
 
         with si.ProgressBars() as bars:
             result = si.calibrate(model, space, measured, progress=bars)
@@ -53,7 +53,7 @@ class ProgressBars:
         self._display.stop()
 
     def __call__(self, *report: Any) -> None:
-        """Show what a step reports."""
+        """Show the progress that a step reports."""
         name, numbers = (report[0], report[1:]) if isinstance(report[0], str) else ("", report)
         done, total, *failed = numbers
         if name not in self._steps:

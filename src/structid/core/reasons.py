@@ -13,15 +13,15 @@ _NUMBER = re.compile(
 
 
 _FAREWELL = re.compile(r"Process \d+ Terminating")
-"""Last line that OpenSees prints in any case."""
+"""Last line that OpenSees always prints."""
 LINES_SHOWN, LONGEST = 3, 200
-"""Lines of solver output in a one-line reason, and the maximum length of each."""
+"""Maximum number of solver lines in a one-line reason, and maximum length of the reason."""
 SHOWN = 10
 """Number of reasons that a list shows."""
 
 
 def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
-    """List reasons with their counts, most frequent first, and the number of those not shown."""
+    """List reasons with their counts, most frequent first, and count the reasons that are not shown."""
     lines = [f"  {count:6d} x {reason}" for reason, count in failures[:SHOWN]]
     runs = sum(count for _, count in failures[SHOWN:])
     if runs:
@@ -30,7 +30,7 @@ def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
 
 
 def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
-    """Count reasons as equal if they differ only in numbers and paths."""
+    """Count the reasons; reasons that differ only in numbers and paths count as equal."""
     groups: dict[str, list[str]] = {}
     for reason in filter(None, reasons):
         plain = _without_place(reason)
@@ -40,22 +40,22 @@ def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
 
 
 def with_words(how: str, words: str) -> str:
-    """Combine how a run ended with the last output of its solver."""
+    """Append the last output of the solver to the reason why a run ended."""
     return f"{how}{_LAST_SAID}{words}" if words and _LAST_SAID not in how else how
 
 
 def general_reason(reason: str) -> str:
-    """Remove numbers and paths from a reason, so that equal reasons can be counted."""
+    """Remove numbers and paths from a reason, so that similar reasons count as equal."""
     return _NUMBER.sub("…", _without_place(reason))
 
 
 def _without_place(reason: str) -> str:
-    """Reduce a reason to one line, without the folder that was kept."""
+    """Reduce a reason to one line, without the path of the kept folder."""
     return short_reason(_PLACE.sub("", reason))
 
 
 def short_reason(reason: str) -> str:
-    """Shorten a reason to one line: how the run ended, and up to three last lines of solver output."""
+    """Shorten a reason to one line: why the run ended, and at most the last three lines of solver output."""
     folder = _PLACE.search(reason)
     how, label, words = _PLACE.sub("", reason).partition(_LAST_SAID)
     lines = [line.strip() for line in words.splitlines() if line.strip() and not _FAREWELL.fullmatch(line.strip())]

@@ -11,14 +11,14 @@ T = TypeVar("T", bound=Callable[..., Any])
 
 
 def warn_of(old: str, new: str, stacklevel: int = 3) -> None:
-    """Warn that a name goes with the next version."""
+    """Warn that the next version removes a name."""
     warnings.warn(
-        f"{old} is now called {new}; the next version drops {old}.", DeprecationWarning, stacklevel=stacklevel
+        f"{old} is now called {new}; the next version removes {old}.", DeprecationWarning, stacklevel=stacklevel
     )
 
 
 def renamed_argument(**new_names: str) -> Callable[[T], T]:
-    """Accept arguments of a function or class under earlier names, as in ``@renamed_argument(law="error_model")``."""
+    """Accept the earlier names of arguments of a function or class, as in ``@renamed_argument(law="error_model")``."""
 
     def decorated(function: T) -> T:
         if isinstance(function, type):

@@ -1,4 +1,4 @@
-"""The purposes of random numbers, numbered in one place so that no two share a stream.
+"""Purposes of random numbers, numbered in one place so that every purpose has its own stream.
 
 A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. NumPy pads such a list with zeros, so that a list of two words
 would equal the stream of index 0. All streams therefore have three words.
@@ -11,11 +11,11 @@ from enum import IntEnum
 import numpy as np
 
 _LARGEST_WORD = 2**32
-"""A larger seed would take two words and could collide with the purpose of another seed."""
+"""Limit of a seed: a larger seed takes two words, and its stream could coincide with a stream of another seed."""
 
 
 class Purpose(IntEnum):
-    """Purposes of random numbers. The number is part of the stream: never change one, never reuse one."""
+    """Purposes of random numbers. The number is part of the stream: never change or reuse a number."""
 
     LATIN_HYPERCUBE = 0
     MAXIMIN = 1
@@ -91,5 +91,5 @@ def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
 
 
 def derived_seed(seed: int, purpose: Purpose, index: int = 0) -> int:
-    """Return the seed for a component that derives streams of its own."""
+    """Return the seed of a component that derives its own streams."""
     return int(_sequence(seed, purpose, index).generate_state(1)[0])

@@ -12,27 +12,27 @@ STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], as defined by PEER and ISO 80000-3."""
 
 MIXED_UP = (
-    ("N", "kg", "This is a weight: divide it by g = 9.81 m/s², 10 kN are 1.02 t."),
-    ("1/m", "", "What is in m^-n, as beta and gamma are, has plain numbers in SI where the exponent n is not known."),
-    ("", "N*s/m", "A share of the critical damping is a damping_ratio."),
+    ("N", "kg", "This is a weight: divide it by g = 9.81 m/s²; 10 kN corresponds to 1.02 t."),
+    ("1/m", "", "Give parameters in m^-n, such as beta and gamma, as plain SI numbers if the exponent n is unknown."),
+    ("", "N*s/m", "Give a fraction of critical damping as damping_ratio."),
     (
         "1/m",
         "1/m^2",
-        "With the unit the numbers change too: what yields at 5 mm has 130 1/m, or 26000 1/m^2 with an exponent of 2.",
+        "Change the number with the unit: a yield displacement of 5 mm means 130 1/m, or 26000 1/m^2 with exponent 2.",
     ),
 )
-"""Units that are easily confused: the given one, the expected one, and the advice."""
+"""Units that are easily confused: the given unit, the expected unit, and the advice."""
 
 AMBIGUOUS = (
-    (r"kn", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'"),
-    (r"pH", "pH is a picohenry to a reader of units", "no unit: an acidity is a logarithm, and has none"),
+    (r"kn", "kn means knot, a speed", "'kN' for a kilonewton, or 'knot'"),
+    (r"pH", "pH means picohenry", "no unit, since an acidity is a logarithm"),
     (
         r"[kM]?(?:tons?(?:_force)?|tonf|force_ton)",
-        "a ton may be 907.185 kg (short, of the United States), 1016.05 kg (long) or 1000 kg",
+        "a ton may be 907.185 kg (US short ton), 1016.05 kg (long ton) or 1000 kg",
         "'t' for 1000 kg, 'short_ton' or 'long_ton'; 'tf' for the weight of 1000 kg",
     ),
 )
-"""Unit names that the units library reads differently from an engineer: pattern, problem, replacement."""
+"""Unit names whose meaning in the units library differs from an engineer's: pattern, problem, replacement."""
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
@@ -57,7 +57,7 @@ def _clean(unit: str) -> str:
 
 
 def _parsed(text: str, times: float = 1.0) -> Any:
-    """Parse a unit, or a number with a unit, times a factor."""
+    """Parse a unit, or a number with a unit, and multiply it by a factor."""
     registry = _registry()
     return times * registry.Quantity(text) if text[0].isdigit() else registry.Quantity(times, text)
 
@@ -78,34 +78,34 @@ def _si_quantity(unit: str) -> Any:
         if type(cause).__name__ != "OffsetUnitCalculusError":
             raise InputError(
                 f"unit '{unit}'",
-                "it is not a unit that structid knows",
-                "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
-                "Check the spelling; exponents are m^2, m**2 or m2.",
+                "this unit is unknown",
+                "a unit such as 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
+                "Check the spelling. Write exponents as m^2, m**2 or m2.",
             ) from cause
         proportional = False
     if not proportional:
         raise InputError(
             f"unit '{unit}'",
-            "a scale with a zero of its own, or a logarithmic one: no factor turns it into SI",
-            "a unit of which three are three times as much, such as 'K', or 'delta_degC' for a difference",
+            "this scale has an offset or is logarithmic, so no factor converts it to SI",
+            "a proportional unit, such as 'K', or 'delta_degC' for a temperature difference",
             "Convert the values first.",
         )
     return one
 
 
 def factor(unit: str) -> float:
-    """SI value of one `unit`: ``value_si = value * factor(unit)``."""
+    """Factor that converts a unit to SI: ``value_si = value * factor(unit)``."""
     return float(_si_quantity(unit).magnitude)
 
 
 def si_unit(unit: str) -> str:
-    """Name the SI unit of a unit's dimension."""
+    """Return the SI unit with the dimension of a unit."""
     if _si_quantity(unit).dimensionless:
         return ""
     registry = _registry()
     coherent = registry.Quantity(1.0)
     for name, power in _parsed(_clean(unit)).unit_items():
-        # kilonewton is newton, millimetre metre, and what is no SI unit without its prefix becomes base units: t is kg.
+        # Drop prefixes: kilonewton becomes newton. A unit that is not SI even then becomes base units: t becomes kg.
         plain = registry.Quantity(1.0, registry.parse_unit_name(name)[0][1])
         whole = abs(plain.to_base_units().magnitude - 1.0) < 1e-12
         coherent = coherent * registry.Quantity(1.0, (plain if whole else plain.to_base_units()).units) ** power
@@ -138,7 +138,7 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
     if re.match(r"(?!1\s*/)[\d.,]", unit_text):
         raise InputError(
             where,
-            f"'{value}', of which '{match.group(1)}' alone would be read as the number",
+            f"'{value}' is ambiguous, since the number could end after '{match.group(1)}'",
             f"one number and its unit, such as '12000 {unit}'".rstrip(" '") + "'",
             "Write thousands without spaces and commas, and decimals with a point.",
         )
@@ -146,10 +146,10 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
 
 
 def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
-    """SI value of one `unit`, which must have the same dimension as another."""
+    """Return the SI value of a unit, which must have the dimension of the unit `like`."""
     if not same_dimension(unit, like):
         description = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
-        allowed = f"a unit that measures the same as '{like}'" if like else "a plain number, without a unit"
+        allowed = f"a unit of the same dimension as '{like}'" if like else "a plain number, without a unit"
         raise InputError(where, description, allowed, _mixed_up(unit, like))
     return factor(unit)
 
@@ -163,7 +163,7 @@ def _mixed_up(unit: str, like: str) -> str:
 
 
 def check_power_of_length(unit: str, where: str) -> None:
-    """Refuse a unit that is not m⁻ⁿ, the unit of β and γ."""
+    """Refuse a unit other than m⁻ⁿ, the unit of β and γ."""
     if set(_si_quantity(unit).dimensionality) - {"[length]"}:
         raise InputError(where, f"'{unit}'", "a power of a length, such as '1/m'", "Correct the unit.")
 
@@ -189,12 +189,12 @@ def in_si(text: str) -> str:
 
 
 def label(name: str, unit: str) -> str:
-    """Name and unit as axes and tables show them, ``"stiffness [kN/mm]"``."""
+    """Label of a quantity in axes and tables, such as ``"stiffness [kN/mm]"``."""
     return f"{name} [{unbracketed(unit)}]" if unit not in ("", "-", "1") else name
 
 
 def squared(unit: str) -> str:
-    """Unit of a variance."""
+    """Unit of the variance of a quantity."""
     return f"({unit})^2" if unit else ""
 
 

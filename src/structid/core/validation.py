@@ -18,10 +18,10 @@ from structid.core.errors import InputError, suggestion
 T = TypeVar("T", bound=Callable[..., Any])
 
 NUMBERS = {"float", "int"}
-"""Annotations of a number."""
+"""Annotations of an argument that is a number."""
 
 ARRAYS = re.compile(r"(Sequence|tuple|list)\[(float|int|np\.ndarray)[^|]*\]|np\.ndarray|ArrayLike")
-"""Annotations of an array or a sequence of numbers."""
+"""Annotations of an argument that is an array or a sequence of numbers."""
 
 KINDS = {
     "ParameterSpace": ("marginals", "a structid.ParameterSpace"),
@@ -35,31 +35,31 @@ KINDS = {
     "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
     "Limits": ("confidence_of", "a structid.Limits such as Limits(mean=0.05)"),
     "Plan": ("explorer", "a structid.Plan such as Plan(true_runs=300)"),
-    "Runs": ("design", "a structid.Runs, as a Campaign gives it"),
+    "Runs": ("design", "a structid.Runs, the result of a Campaign"),
 }
-"""By annotation: an attribute that every object of that kind has, and what to pass."""
+"""For each annotation: an attribute that identifies the objects, and a description of a valid argument."""
 
 INSTEAD_OF_A_NUMBER: dict[str, tuple[Callable[[Any], bool], str]] = {
     "Marginal": (lambda value: hasattr(value, "quantile"), "a prior such as Normal(1.0, 0.1)"),
     "Mapping": (lambda value: isinstance(value, Mapping), "a dictionary by channel"),
 }
-"""By annotation: what an argument may be instead of a number, how it is recognised, and its description."""
+"""For each annotation allowed instead of a number: a test that recognises the value, and its description."""
 
 
 # --- numbers and arrays ---------------------------------------------------------------------------------------------
 
 
 def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "") -> Any:
-    """Convert a number of any library to Python's; refuse everything else."""
+    """Convert a number of any library to a Python number; refuse all other values."""
     if value is None or isinstance(value, (bool, int)) or _is_jax(value):
         return value
     if isinstance(value, float):
-        number: Any = float(value)  # of NumPy, too
+        number: Any = float(value)  # NumPy numbers, too
     elif value is np.ma.masked:
         raise InputError(where, "a masked value", allowed, cure)
     elif unit := unit_of(value):
         raise InputError(
-            where, f"a quantity in {unit}", allowed, "Give the number alone, in the unit that the help names."
+            where, f"a quantity in {unit}", allowed, "Give the plain number, in the unit that the help names."
         )
     elif isinstance(value, (np.generic, np.ndarray)) and np.ndim(value) == 0:
         array = real_array(where, value, allowed)
@@ -69,17 +69,17 @@ def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "
     else:
         raise InputError(where, in_words(value), allowed, cure)
     if isinstance(number, float) and math.isnan(number):
-        raise InputError(where, "nan, which is no number", allowed, cure)
+        raise InputError(where, "nan, which is not a number", allowed, cure)
     return number
 
 
 def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> np.ndarray:
-    """Convert an array-like to an array of real numbers; refuse what the conversion would lose."""
+    """Convert an array-like to an array of real numbers; refuse values that the conversion would change."""
     if masked := _masked_values(value):
-        cure = "Fill them, or cut them out; a value that was not measured is no value."
+        cure = "Fill the masked values, or remove them."
         raise InputError(where, f"{masked} masked value{'s' if masked > 1 else ''}", f"{allowed}, none masked", cure)
     if unit := unit_of(value):
-        cure = "Convert it to the unit that the help names, and give its plain values."
+        cure = "Convert them to the unit that the help names, and give plain numbers."
         raise InputError(where, f"quantities in {unit}", allowed, cure)
     array = _as_array(where, value, allowed)
     match array.dtype.kind:
@@ -88,16 +88,16 @@ def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> 
         case "c" if not np.any(array.imag):
             return array.real.astype(np.float64)
         case "c":
-            cure = "Give its real part, or its absolute value, whichever is meant."
+            cure = "Give the real part or the absolute value."
             raise InputError(where, "complex numbers", f"{allowed}, all of them real", cure)
         case "O":
             return _of_objects(where, array, allowed)
         case "U" | "S" | "T":
-            cure = "Text is never taken for a number: convert it first, as in values.astype(float)."
+            cure = "Convert the text to numbers first, as in values.astype(float)."
             raise InputError(where, f"text such as {str(array.ravel()[0])!r}", allowed, cure)
         case "V":
             names = ", ".join(array.dtype.names or ())
-            raise InputError(where, f"a structured array with the fields {names}", allowed, "Give one of its fields.")
+            raise InputError(where, f"a structured array with the fields {names}", allowed, "Give one of the fields.")
         case _:
             raise InputError(where, f"values of the type {array.dtype}", allowed)
 
@@ -119,7 +119,7 @@ def real_arrays(where: str, value: Any) -> Any:
 
 
 def unit_of(value: Any) -> str:
-    """Return the unit of a quantity of pint, astropy or unyt, whose bare numbers would be read as SI."""
+    """Return the unit of a pint, astropy or unyt quantity, since its plain numbers would be taken as SI."""
     for unit, number in (("units", "magnitude"), ("unit", "value"), ("units", "value")):
         if hasattr(value, unit) and hasattr(value, number) and not isinstance(value, type):
             return str(getattr(value, unit)) or "no unit"
@@ -127,7 +127,7 @@ def unit_of(value: Any) -> str:
 
 
 def in_words(value: Any) -> str:
-    """Describe a value, with an article."""
+    """Describe a value in words, with an article."""
     if isinstance(value, str):
         return f"the text '{value}'"
     if isinstance(value, complex):
@@ -155,7 +155,7 @@ def _masked_values(value: Any) -> int:
 
 def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
     if _is_pandas(value):
-        # Missing values of the nullable types are NaN, as they are of the plain ones.
+        # Missing values of nullable types become NaN.
         kinds = [str(kind) for kind in np.atleast_1d(value.dtypes)]
         if not any(kind in ("object", "category") or "string" in kind or kind == "str" for kind in kinds):
             try:
@@ -166,28 +166,28 @@ def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
     try:
         return np.asarray(value)
     except (ValueError, TypeError) as problem:
-        raise InputError(where, f"no array ({problem})", allowed, "Rows must have the same length.") from None
+        raise InputError(where, f"no array ({problem})", allowed, "Make all rows equally long.") from None
 
 
 def _of_objects(where: str, array: np.ndarray, allowed: str) -> np.ndarray:
-    """Convert an object array: integers beyond 64 bits, fractions, decimals."""
+    """Convert an object array of integers beyond 64 bits, fractions or decimals."""
     flat = [real_number(f"{where}, value {index}", one, allowed) for index, one in enumerate(array.ravel())]
     if any(one is None for one in flat):
         missing = next(i for i, one in enumerate(flat) if one is None)
-        raise InputError(f"{where}, value {missing}", "None", allowed, "A value that was not measured is no value.")
+        raise InputError(f"{where}, value {missing}", "None", allowed, "Fill or remove missing values.")
     return np.array(flat, dtype=np.float64).reshape(array.shape)
 
 
 # --- names ----------------------------------------------------------------------------------------------------------
 
 NAME = re.compile(r"[^\W\d](?:[\w .+-]*[\w.+-])?(?:\[\w+(?:, \w+)*\])?")
-"""Names that every output can hold: tables, pages, figures, file names, netCDF, HDF5.
+"""Pattern of names that every output accepts: tables, pages, figures, file names, netCDF, HDF5.
 
-A letter or _, then no character that is special in one of them. Indices may follow as ArviZ writes them: ``b[0]``.
+A name starts with a letter or _ and has no character with a special meaning in an output. ArviZ indices may follow: ``b[0]``.
 """
 
 COORDINATES = ("chain", "draw", "ensemble")
-"""Axis names in our netCDF files, which no variable may have."""
+"""Axis names in the netCDF files, which no variable may use."""
 
 
 def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
@@ -196,11 +196,11 @@ def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
     if not isinstance(name, str) or not NAME.fullmatch(name):
         came = in_words(name) if not isinstance(name, str) else f"the name '{name}'" if name else "an empty name"
         raise InputError(
-            where, came, allowed, "Files, tables and pages carry it, and other signs mean something to them."
+            where, came, allowed, "Choose another name: other characters have a special meaning in files and tables."
         )
     if name in reserved:
         raise InputError(
-            where, f"the name '{name}'", f"another name than {', '.join(reserved)}, which name axes of draws"
+            where, f"the name '{name}'", f"a name other than {', '.join(reserved)}, which are axes of the draws"
         )
     return name
 
@@ -209,7 +209,7 @@ def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
 
 
 def check_arguments(what: T) -> T:
-    """Decorate a class or function so that it validates its arguments by their annotations."""
+    """Decorate a class or function so that it checks its arguments against their annotations."""
     if not isinstance(what, type):
         return cast(T, _checked(what, what.__qualname__))
     setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
@@ -225,11 +225,11 @@ class _Check(NamedTuple):
     """The check of one argument, derived from its annotation."""
 
     number: str  # description of the allowed numbers; empty where no number is allowed
-    others: tuple[str, ...]  # names in `INSTEAD_OF_A_NUMBER` that are allowed instead
+    others: tuple[str, ...]  # allowed keys of `INSTEAD_OF_A_NUMBER`
     open: bool  # whether other types are allowed, strings included
     array: bool  # whether an array of numbers is allowed
-    kinds: tuple[str, ...]  # kinds in `KINDS`, one of which is required; empty where others are allowed
-    several: bool  # whether a sequence of these is allowed
+    kinds: tuple[str, ...]  # allowed keys of `KINDS`; empty if other types are allowed
+    several: bool  # whether a sequence of these kinds is allowed
 
     @classmethod
     def of(cls, annotation: str) -> _Check:
@@ -251,7 +251,7 @@ class _Check(NamedTuple):
         )
 
     def refuses_nothing(self) -> bool:
-        """Whether every value passes."""
+        """Whether the check accepts every value."""
         return not (self.number or self.array or self.kinds)
 
     def applied(self, where: str, called: str, value: Any) -> Any:
@@ -264,20 +264,20 @@ class _Check(NamedTuple):
         if self.number and not any(INSTEAD_OF_A_NUMBER[name][0](value) for name in self.others):
             array = self.array and not isinstance(value, str) and isinstance(value, (np.ndarray, Sequence))
             if not array and not (self.open and not _is_number(value)):
-                cure = f"Write it without quotes. help({called}) says in which unit." if isinstance(value, str) else ""
+                cure = f"Write it without quotes. help({called}) names the unit." if isinstance(value, str) else ""
                 return real_number(where, value, self.number, cure)
         return real_arrays(where, value) if self.array else value
 
 
 def _spelt_out(annotation: Any, function: Callable[..., Any]) -> str:
-    """Return an annotation as text, with aliases of unions such as ``Storeys`` expanded."""
+    """Return an annotation as text, and expand aliases of unions such as ``Storeys``."""
     meant = getattr(function, "__globals__", {}).get(str(annotation))
     union = str(meant) if isinstance(meant, types.UnionType) else str(annotation)
     return union.replace("collections.abc.", "").replace("numpy.", "np.")
 
 
 def _union(annotation: str) -> list[str]:
-    """Split a union into its members; brackets keep theirs together."""
+    """Split a union into its members; text inside brackets is not split."""
     words, depth = [""], 0
     for sign in annotation:
         depth += (sign == "[") - (sign == "]")
@@ -289,7 +289,7 @@ def _union(annotation: str) -> list[str]:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether `real_number` handles a value, by converting or refusing it."""
+    """Whether `real_number` processes a value, that is, converts or refuses it."""
     if isinstance(value, (np.ndarray, np.generic)):
         return np.ndim(value) == 0 and np.asarray(value).dtype.kind not in "USO"
     return isinstance(value, numbers.Number) or value is np.ma.masked or bool(unit_of(value))
@@ -323,16 +323,14 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
         for name in named:
             if not open_ended and name not in parameters:
                 cure = suggestion(name, names)
-                raise InputError(
-                    f"{called}({name})", "an argument that it does not have", ", ".join(names) or "none", cure
-                )
+                raise InputError(f"{called}({name})", "this argument does not exist", ", ".join(names) or "none", cure)
         if len(arguments) > len(by_position) and not unlimited:
             few = len(by_position) - sum(name in every for name in ("self", "cls"))
             extra = len(arguments) - len(by_position)
             raise InputError(
                 called,
                 f"{few + extra} arguments without a name",
-                f"at most {few}",
+                f"at most {few} without a name",
                 f"Name the others: {', '.join(names[few:])}.",
             )
         placed = [check(name, value) for name, value in zip(in_order, arguments, strict=False)]
@@ -340,7 +338,7 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
         missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
         if missing:
             expected = f"{called}({', '.join(needed)}, …)"
-            raise InputError(called, f"{' and '.join(missing)} left out", expected, f"See help({called}).")
+            raise InputError(called, f"missing {' and '.join(missing)}", expected, f"See help({called}).")
         return function(*placed, *arguments[len(in_order) :], **given)
 
     return checked

@@ -1,1 +1,1 @@
-"""The numerical engine: JAX, loops over time, and their compilation for many runs at once. It knows no mechanics."""
+"""The numerical engine: JAX, loops over time, and their compilation for many runs at once. It contains no mechanics."""

@@ -10,5 +10,5 @@ from structid.engine.device import jnp
 
 
 def namespace(x: Any) -> Any:
-    """Return the module whose functions apply to an array."""
+    """Return the array module for an array."""
     return np if isinstance(x, (np.ndarray, np.generic, float, int)) else jnp

@@ -1,4 +1,4 @@
-"""The only file that sets JAX up: double precision, one device per core, a compilation cache, batches over the devices."""
+"""Configuration of JAX: double precision, one device per core, a compilation cache, batches over the devices."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from structid.core.cores import cache_folder, cores_to_use
 
 def _set_up() -> None:
     jax.config.update("jax_enable_x64", True)
-    # XLA runs one scan on one core, so each core becomes a device of its own and a batch is shared out over them.
-    # Where the caller has used JAX already, its devices stay as they are.
+    # XLA runs one scan on one core. Each core therefore becomes a separate device, and a batch is divided among the devices.
+    # If the caller has already used JAX, its devices remain unchanged.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", cores_to_use())
     if jax.config.jax_compilation_cache_dir is None:
@@ -39,12 +39,12 @@ FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_p
 
 @functools.cache
 def mesh() -> Mesh:
-    """All devices of the default platform in one axis, named ``runs``."""
+    """Return all devices of the default platform in one axis, named ``runs``."""
     return Mesh(np.array(jax.devices()), ("runs",))
 
 
 def padded_size(runs: int) -> int:
-    """Round a number of runs up, so that few shapes are compiled and the devices share the batch equally."""
+    """Round up a number of runs, so that few shapes are compiled and the devices share the batch equally."""
     step = (
         2 ** max(math.floor(math.log2(max(runs, 1))) - 3, 0) if runs > 16 else 2 ** math.ceil(math.log2(max(runs, 1)))
     )
@@ -53,16 +53,16 @@ def padded_size(runs: int) -> int:
 
 
 BATCH_SIZES = (16, 64, 256, 512)
-"""Batch sizes for which a function without a loop over time is compiled: a call is cheap, compiling another size is not."""
+"""Batch sizes for a compiled function without a loop over time. Few sizes suffice, since compilation costs more than a call."""
 
 
 def few_sizes(runs: int) -> int:
-    """Round a number of runs up to one of `BATCH_SIZES`, or to a multiple of the largest."""
+    """Round up a number of runs to one of `BATCH_SIZES`, or to a multiple of the largest size."""
     return next((size for size in BATCH_SIZES if runs <= size), -(-runs // BATCH_SIZES[-1]) * BATCH_SIZES[-1])
 
 
 def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
-    """Compile a function of arrays with a leading run axis, and divide that axis among the devices."""
+    """Compile a function of arrays with a leading run axis, and divide this axis among the devices."""
 
     def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
         if not shard or factorises(theta, constants):
@@ -73,7 +73,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
             mesh=mesh(),
             in_specs=(PartitionSpec("runs"), PartitionSpec()),
             out_specs=specs,
-            check_vma=False,  # the loops of other libraries begin from constants, which it would refuse
+            check_vma=False,  # the check would refuse loops of other libraries that start from constants
         )(theta, constants)
 
     def factorises(theta: Any, constants: tuple[Any, ...]) -> bool:
@@ -95,9 +95,9 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
 
 
 def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
-    """Join the devices' parts of an array; a thread copies each part."""
+    """Join the parts of an array from all devices; each part is copied by a thread."""
     if leaf.size < 100_000 or axis != leaf.ndim - 1:
-        # A copy: the buffer of a JAX array is read-only.
+        # Copy the array, because the buffer of a JAX array is read-only.
         return np.take(np.array(leaf), np.arange(count), axis)
     whole = np.empty(leaf.shape)
 

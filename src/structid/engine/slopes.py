@@ -1,4 +1,4 @@
-"""Derivatives of a function of the parameters of many runs, along each parameter."""
+"""Derivatives of a function of the parameters of many runs with respect to each parameter."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from structid.engine.device import jnp
 
 
 def with_slopes(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-    """Evaluate a function of the parameters of many runs together with its derivatives along each; the value is computed once.
+    """Evaluate a function of the parameters of many runs and its derivatives; the value is computed only once.
 
-    Forward mode, since parameters are few and histories long.
+    The derivatives use forward mode, since parameters are few and histories long.
     """
 
     def along(direction: Any) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""A loop over the samples of a record, defined once: run to histories, or reduced to a few sums on the way."""
+"""A loop over the samples of a record. It returns histories, or reduces them to a few sums during the loop."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ State = Any
 
 
 class Fold(NamedTuple):
-    """A reduction of a history, sample by sample, where the history itself is not needed."""
+    """A sample-by-sample reduction of a history that need not be stored."""
 
     start: Any  # sums before the first sample
     step: Callable[[Any, Any], Any]  # ``step(sums, sample) -> sums``
@@ -32,7 +32,7 @@ class Fold(NamedTuple):
 
 
 def sum_of_squares(nothing: Any) -> Fold:
-    """Fold that computes Σ x²."""
+    """Return a fold that computes Σ x²."""
     return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
 
 
@@ -49,22 +49,22 @@ class TimeLoop(NamedTuple):
     """A loop over the rows of a record for many runs at once, inside JAX."""
 
     start: State  # state before the first row, run axis last
-    # ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run)
+    # ``step(state, row) -> (state, observed)``, with the observed values of the row, (channel, run)
     step: Callable[[State, Any], tuple[State, Any]]
     rows: Any  # input that all runs share
-    lead_in: int  # number of initial rows for which nothing is kept
-    # ``usable(state)``: which runs can be used, (run,), from the state after the last row
+    lead_in: int  # number of initial rows without stored values
+    # ``usable(state)``: mask (run,) of the usable runs, from the state after the last row
     usable: Callable[[State], Any]
     unroll: int = 1  # rows per pass of XLA's loop
 
     def run(self) -> tuple[Any, Any]:
-        """Run and keep histories."""
+        """Run the loop and return the histories."""
         state, rows = self._led_in()
         state, outputs = lax.scan(self.step, state, rows, unroll=self.unroll)
         return outputs, self.usable(state)
 
     def folded(self, fold: Fold, beside: Any, make: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-        """Run and reduce on the way; no history is kept."""
+        """Run the loop and reduce the histories sample by sample; no history is kept."""
 
         def step(carried: tuple[State, Any], row: tuple[Any, Any]) -> tuple[tuple[State, Any], None]:
             state, outputs = self.step(carried[0], row[0])
@@ -75,7 +75,7 @@ class TimeLoop(NamedTuple):
         return fold.value(sums), self.usable(state)
 
     def _led_in(self) -> tuple[State, Any]:
-        """State after the lead-in, and the remaining rows."""
+        """Return the state after the lead-in, and the remaining rows."""
         if not self.lead_in:
             return self.start, self.rows
         first = jax.tree.map(lambda x: x[: self.lead_in], self.rows)
@@ -85,21 +85,21 @@ class TimeLoop(NamedTuple):
 
 
 def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Array, "parameter run"]) -> TimeLoop:
-    """Extend a loop over time by the sensitivities to its parameters.
+    """Extend a loop over time by the sensitivities of its state to the parameters.
 
-    With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
+    For a state s with the step s ← f(s, p), the sensitivities S = ∂s/∂p have the step S ← ∂f/∂s S + ∂f/∂p.
     """
     loop, directions = loop_of(parameters), jnp.eye(parameters.shape[0])
     row = jax.tree.map(lambda x: x[0], loop.rows)
     converted, _ = jax.closure_convert(loop.step, loop.start, row)
 
     def constants(p: Any) -> tuple[Any, ...]:
-        """What a step needs of the parameters, such as frequencies of a matrix: computed and differentiated before the loop."""
+        """Return parameter-dependent constants of a step, such as frequencies; they are differentiated before the loop."""
         loop = loop_of(p)
         return tuple(jax.closure_convert(loop.step, loop.start, row)[1])
 
     def along_all(function: Callable[..., Any], *points_and_slopes: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Value of a function and its derivatives along each parameter, from its input and the slopes of that input."""
+        """Return the value of a function and its derivatives along each parameter, from its input and the input's derivatives."""
         points, slopes = zip(*points_and_slopes, strict=True)
 
         def along(*slope: Any) -> tuple[Any, Any]:
@@ -124,8 +124,8 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Arr
 def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> Any:
     """Evaluate a function of the parameters of many runs so that its derivative along each parameter is computed only once.
 
-    A density may be differentiated along many more directions, such as those of the noise. The loop in the function does not
-    depend on these, so its sensitivities serve all of them.
+    A density may be differentiated along many other directions, such as the noise parameters. The loop in the function does
+    not depend on them, so the same sensitivities serve all directions.
     """
 
     def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
@@ -138,15 +138,15 @@ def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "ru
 
 
 def _contracted(directions: Any, slopes: Any) -> Any:
-    """Directional derivative for each run (run, parameter), from the derivatives along each parameter (parameter, …, run)."""
-    if slopes.dtype == jax.dtypes.float0:  # of truths
+    """Return the directional derivative of each run (run, parameter) from the partial derivatives (parameter, …, run)."""
+    if slopes.dtype == jax.dtypes.float0:  # derivatives of Booleans
         return np.zeros(slopes.shape[1:], dtype=jax.dtypes.float0)
     weights = directions.T.reshape(slopes.shape[0], *[1] * (slopes.ndim - 2), slopes.shape[-1])
     return (weights * slopes).sum(axis=0)
 
 
 def all_finite(state: State) -> Bool[Array, " run"]:
-    """Which runs have a finite state."""
+    """Return a mask of the runs with a finite state."""
     parts = jax.tree.leaves(state)
-    # A sum is finite only if all its parts are, and takes one test.
+    # A sum is finite only if all its parts are finite, so one test suffices.
     return jnp.isfinite(sum(part.reshape(-1, part.shape[-1]).sum(axis=0) for part in parts))

@@ -1,1 +1,1 @@
-"""Figures: pure functions of arrays and names, called by the `.plot()` of objects."""
+"""Figures: pure functions of arrays and names, called by the `.plot()` methods of objects."""

@@ -1,4 +1,4 @@
-"""Figures of calibrations: log weights over the rounds of a sequential one, ranks of a simulation-based calibration."""
+"""Figures of calibrations: log weights in the rounds of a sequential calibration, ranks in simulation-based calibration."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGEST_SHOWN = 30.0
-"""Log weights of larger magnitude are drawn at this limit, as triangles."""
+"""Log weights of larger magnitude are drawn as triangles at this limit [nat]."""
 USUALLY_SHOWN = 0.3
-"""The same over parameters, or three times the range of four fifths of the points."""
+"""Smallest limit for log ratios over parameters [nat]; a limit of three times their 80 % quantile is used if larger."""
 
 
 @styled
@@ -28,7 +28,7 @@ def rounds(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the log weights of the fresh draws of every round, relative to their median."""
+    """Draw the log weights of each round's new draws, relative to their median."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
@@ -39,14 +39,14 @@ def rounds(
         finite = np.isfinite(weights)
         middle = np.median(weights[finite]) if finite.any() else 0.0
         places = np.where(finite, weights - middle, -np.inf)
-        # A golden-ratio jitter, so that neighbouring points do not hide each other.
+        # Golden-ratio jitter keeps neighbouring points apart.
         across = column + 0.5 * ((np.arange(len(weights)) * 0.618) % 1.0 - 0.5)
         shown = np.clip(places, -LARGEST_SHOWN, LARGEST_SHOWN)
         beyond = np.abs(places) > LARGEST_SHOWN
         last = column == len(log_weights) - 1
         axis.plot(across[~beyond], shown[~beyond], "o", ms=3, mew=0, alpha=0.7, color=ACCENT if last else MODEL)
         axis.plot(across[beyond], shown[beyond], "v", ms=4, mew=0, color=ACCENT if last else MODEL)
-    if any(np.abs(axis.get_ylim()) > 1.0):  # a symmetric logarithm has no ticks but 0 below that
+    if any(np.abs(axis.get_ylim()) > 1.0):  # below 1, a symmetric log axis has no tick except 0
         axis.set_yscale("symlog", linthresh=1.0)
     axis.set_xlim(-0.5, len(training) - 0.5)
     axis.set_xticks(range(len(training)), [f"round {i + 1}\n{n} runs" for i, n in enumerate(training)])
@@ -64,7 +64,7 @@ def ranks(
     places: Float[np.ndarray, "replica parameter"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histograms of the ranks of the truth among posterior draws, and their distance from the uniform distribution."""
+    """Draw histograms of the ranks of the true values among posterior draws, and the difference from uniform ranks."""
     bins = counts.shape[1]
     low, high = scipy.stats.binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
     largest = scipy.stats.kstwo.ppf(0.99, replicas)  # Kolmogorov and Smirnov
@@ -86,7 +86,7 @@ def ranks(
         away = np.searchsorted(np.sort(ranks_of_name), across, side="right") / replicas - across
         lower.axhspan(-largest, largest, color=MUTED, alpha=0.3, lw=0)
         lower.plot(across, away, lw=1.0, color=MODEL if np.abs(away).max() > largest else ACCENT)
-        lower.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
+        lower.set_xlabel(f"rank of the true value\ncoverage of 50 %: {a:.0%}, of 90 %: {b:.0%}")
         for axis in (upper, lower):
             axis.set_xlim(0.0, 1.0)
             axis.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
@@ -103,7 +103,7 @@ def ratios_over_parameters(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the log ratio of the model's density to that of the draws over each parameter."""
+    """Draw the log ratio of model density to draw density over each parameter."""
     from matplotlib.figure import Figure
 
     across = min(len(names), 3)

@@ -1,4 +1,4 @@
-"""Representative cycles of a loop, from early to late, so that loops can be distinguished."""
+"""Representative cycles of a hysteresis loop, from early to late."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Float
 MOST = 4
 """Number of representative cycles."""
 LARGE = 0.3
-"""Fraction of the largest amplitude above which a cycle may be chosen."""
+"""Minimum amplitude of a representative cycle, as a fraction of the largest amplitude."""
 
 
 def cycles(displacement: Float[np.ndarray, " time"]) -> list[slice]:
@@ -20,7 +20,7 @@ def cycles(displacement: Float[np.ndarray, " time"]) -> list[slice]:
 
 
 def chosen_cycles(displacement: Float[np.ndarray, " time"], most: int = MOST) -> list[slice]:
-    """Choose the largest cycle of each of several parts of a history, from early to late."""
+    """Split a history into several parts and choose the largest cycle of each part, from early to late."""
     all_cycles = cycles(displacement)
     sizes = np.array([np.ptp(displacement[cycle]) for cycle in all_cycles])
     large = np.flatnonzero(sizes >= LARGE * sizes.max(initial=0.0))

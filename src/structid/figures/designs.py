@@ -1,4 +1,4 @@
-"""Figures of designs: the points of a parameter space."""
+"""Figures of designs: points in a parameter space."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def samples(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw samples of a prior: a histogram of every parameter with its density, and every pair."""
+    """Draw samples of a prior: for each parameter a histogram with its density, and a scatter plot for each pair."""
     count = len(names)
     figure, axes = canvas(count, count, height=min(7.4 / count, 3.0))
     texts = [label(pretty(name), pretty_unit(unit)) for name, unit in zip(names, units, strict=True)]

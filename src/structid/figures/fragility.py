@@ -1,4 +1,4 @@
-"""Figure of a fragility: probabilities over the strength of the ground motion, with their uncertainty."""
+"""Figure of a fragility curve: probabilities over the strength of the ground motion, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -25,19 +25,20 @@ def curve(
     words: str,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a fragility."""
+    """Draw a fragility curve."""
     figure, axes = canvas(1, 1, height=2.9)
     axis = axes[0, 0]
     for number, row in enumerate(of_each):
-        label = f"each of {len(of_each)} records" if number == 0 and len(of_each) > 1 else None
+        label = f"{len(of_each)} single records" if number == 0 and len(of_each) > 1 else None
         axis.plot(levels, row, color=MUTED, lw=0.7, label=label)
     axis.fill_between(levels, *band, color=ACCENT, alpha=0.2, lw=0, label="90 % of the posterior draws")
-    axis.errorbar(levels, probability, 2.0 * error, fmt="o", ms=4, color=MODEL, lw=1.0, label="probability ± 2 errors")
+    label = "mean ± 2 standard errors"
+    axis.errorbar(levels, probability, 2.0 * error, fmt="o", ms=4, color=MODEL, lw=1.0, label=label)
     at, middle, low, high = fitted
     if np.isfinite(middle).all():
         axis.plot(at, middle, color=MODEL, lw=1.2, label=words)
     if np.isfinite(low).all():
-        axis.fill_between(at, low, high, color=MODEL, alpha=0.12, lw=0, label="90 % with other records")
+        axis.fill_between(at, low, high, color=MODEL, alpha=0.12, lw=0, label="90 % for other records")
     axis.set_ylim(-0.03, 1.03)
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     name_axes(axis, ("peak ground acceleration", "m/s²"), ("P(passage or failure | data)", ""))

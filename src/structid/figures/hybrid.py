@@ -40,7 +40,7 @@ def loops_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw force against displacement, one panel per test on one scale; earlier tests are grey behind it."""
+    """Draw force against displacement, one panel per test with common scales; earlier tests are grey."""
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     figure, axes = canvas(rows, columns, height=2.3, sharex=True, sharey=True)
@@ -69,7 +69,7 @@ def histories_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw displacements over simulated time, a panel for each test."""
+    """Draw displacements over simulated time, one panel per test."""
     figure, axes = canvas(len(tests), 1, height=1.35, sharex=True)
     for axis, lines, test, end in zip(axes[:, 0], curves, tests, ends, strict=True):
         for (name, time, values), colour in zip(lines, CYCLE, strict=False):
@@ -93,7 +93,7 @@ def tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the tracking of an actuator: synchronisation subspace, its area, energy error."""
+    """Draw the tracking of an actuator: synchronisation subspace plot, tracking indicator, energy error."""
     figure, axes = canvas(1, 3, height=2.4)
     _tracking_panels(axes[0], plane, time, indicator, energy, unit)
     return finish(figure, title, save)
@@ -110,7 +110,7 @@ def loop_and_tracking(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the loop of a specimen, and the tracking of its actuator."""
+    """Draw the hysteresis loop of a specimen, and the tracking of its actuator."""
     figure, axes = canvas(2, 2, height=2.4)
     first, *others = axes.ravel()
     first.plot(loop[1], loop[2], color=MEASURED, lw=0.8)
@@ -137,29 +137,29 @@ def _tracking_panels(
 def predicted_test(
     time: Float[np.ndarray, " time"],
     band: tuple[np.ndarray, np.ndarray],
-    happened: Curve,
+    observed: Curve,
     peaks: Float[np.ndarray, " draw"],
     peak: float,
     unit: str,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the prediction of a later test, and its actual course."""
+    """Draw the prediction of a later test, and the observed response."""
     figure, axes = canvas(1, 2, height=2.6, gridspec_kw={"width_ratios": [2.2, 1.0]})
     left, right = axes[0]
-    left.plot(happened[1], happened[2], color=MEASURED, lw=0.9, label="happened")
+    left.plot(observed[1], observed[2], color=MEASURED, lw=0.9, label="observed")
     left.fill_between(time, *band, color=MODEL, alpha=0.45, lw=0, label="predicted, 5–95 %", zorder=3)
     low, high = left.get_ylim()
     left.set_ylim(low, high + 0.25 * (high - low))
     left.legend(loc="upper right", ncol=2)
-    name_axes(left, ("simulated time", "s"), (happened[0], unit))
+    name_axes(left, ("simulated time", "s"), (observed[0], unit))
     reach = np.concatenate([peaks, [peak]])
     margin = 0.15 * np.ptp(reach)
     points = np.linspace(reach.min() - margin, reach.max() + margin, 400)
     right.fill_between(points, density(peaks, points, -np.inf, np.inf), color=MODEL, alpha=0.4, lw=0)
     right.axvline(peak, color=MEASURED, lw=1.2)
     right.set_yticks([])
-    right.set_xlabel(f"largest {pretty(happened[0])} [{pretty_unit(unit)}]")
+    right.set_xlabel(f"largest {pretty(observed[0])} [{pretty_unit(unit)}]")
     right.set_ylim(bottom=0.0)
     right.ticklabel_format(axis="x", useOffset=False)
     right.xaxis.set_major_locator(_few_ticks())
@@ -176,7 +176,7 @@ def filtered_path(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a filter's estimates over the moves, next to the posterior."""
+    """Draw the estimates of a filter over the moves, with the intervals of the posterior."""
     columns = 2 if len(names) > 1 else 1
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=1.7, sharex=True)
@@ -196,7 +196,7 @@ def filtered_path(
         late = path[0][len(moves) // 20 :, k], path[1][len(moves) // 20 :, k], path[2][len(moves) // 20 :, k]
         shown = np.concatenate([*late, posterior.get(names[k], ())])
         low, high = shown.min(), shown.max()
-        margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0  # a filter that stands still has no range of its own
+        margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0  # a constant estimate has no range
         axis.set_ylim(low - margin, high + margin)
         axis.set_ylabel(f"{pretty(names[k])} [{pretty_unit(units[k])}]" if units[k] else pretty(names[k]))
         if k + columns >= len(names):

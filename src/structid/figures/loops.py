@@ -1,4 +1,4 @@
-"""Figures of hysteresis loops: measured, modelled, identified by several methods, with fitted lines."""
+"""Figures of hysteresis loops: measured loops, model loops, loops identified by several methods, fitted lines."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def loops(
     names: tuple[str, str] = ("measured", "identified"),
     draws: Sequence[Loop] = (),
 ) -> Figure:
-    """Draw hysteresis loops: all cycles in thin lines, and a few from early to late on top."""
+    """Draw hysteresis loops: all cycles in thin grey lines, and a few cycles from early to late in colour."""
     together = [(names[1], model)] if measured is None else [(names[0], measured), (names[1], model)]
     shown = chosen_cycles(together[0][1][0])
     colours = _from_early_to_late(len(shown))
@@ -49,7 +49,7 @@ def loops(
         for cycle, colour in zip(shown, colours, strict=True):
             axes[0, 2].plot(*_part(measured, cycle), color=MEASURED, lw=1.3)
             axes[0, 2].plot(*_part(model, cycle), color=colour, lw=1.0, ls=(0, (3, 1.5)))
-        axes[0, 2].set_title("these cycles of both", loc="left")
+        axes[0, 2].set_title("coloured cycles of both", loc="left")
     for axis in axes[0]:
         axis.set_xlabel("displacement [mm]")
     axes[0, 0].set_ylabel("restoring force [kN]")
@@ -69,7 +69,7 @@ def _cycles_of_draws(axis: Axes, draws: Sequence[Loop], shown: Sequence[slice], 
 
 
 def _from_early_to_late(count: int) -> list[str]:
-    """Colours from dark to light."""
+    """Colours from dark (early) to light (late)."""
     import matplotlib
 
     shades = matplotlib.colormaps["plasma"](np.linspace(0.05, 0.8, count)) if count else ()
@@ -88,7 +88,7 @@ def identified(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a deterministic calibration: the largest cycle of the identified loops, and the histories around the peak."""
+    """Draw the largest cycle of the loops that a deterministic calibration identified, and the histories around the peak."""
     figure, axes = canvas(1, 2, height=2.9, width_ratios=(2, 3))
     loop_panel, history = axes[0]
     largest = chosen_cycles(next(iter(loops_of.values()))[0] if true_loop is None else true_loop[0], most=1)

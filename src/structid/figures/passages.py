@@ -1,4 +1,4 @@
-"""Figures of first passages over a design: times against parameters and pairs, their probability, their distribution."""
+"""Figures of first passages over a design: passage times over parameters and pairs, probabilities, distributions, indices."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def times(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the times of first passages against each parameter."""
+    """Draw the first-passage times over each parameter."""
     columns = min(len(names), 4)
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=2.1, sharey=True)
@@ -60,7 +60,7 @@ def pairs(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw maps of the times of first passages over every pair of parameters."""
+    """Draw maps of the first-passage times over every pair of parameters."""
     both = list(combinations(range(len(names)), 2))
     columns = min(len(both), 3)
     figure, axes = canvas(-(-len(both) // columns), columns, height=2.2)
@@ -91,7 +91,7 @@ def probability_map(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the probability of a passage over two parameters, and its mean along the first one with the observed fractions."""
+    """Draw the passage probability over two parameters and, along the first one, its mean and the observed fractions."""
     figure, axes = canvas(1, 2, height=2.9)
     some = _some(len(passed))
     axis, beside = axes[0]
@@ -114,7 +114,7 @@ def probability_map(
         ms=3,
         mew=0,
         color=MODEL,
-        label="share of passages",
+        label="observed fraction",
     )
     beside.plot(
         [points[part, 0].mean() for part in parts],
@@ -134,7 +134,7 @@ def distributions(
     curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the probability of having passed by a time."""
+    """Draw the probability of a passage as a function of time."""
     figure, axes = canvas(1, 1, height=2.6)
     axis = axes[0, 0]
     for number, (label, probability, error) in enumerate(curves):
@@ -145,7 +145,7 @@ def distributions(
         )
     axis.legend(loc="upper left")
     axis.set_ylim(bottom=0.0)
-    name_axes(axis, ("time", "s"), ("share of the runs that have passed", ""))
+    name_axes(axis, ("time", "s"), ("fraction of the runs that have passed", ""))
     return finish(figure, save=save)
 
 
@@ -167,11 +167,11 @@ def indices(
         axis.set_xticks(index, [pretty(n).replace(" ", "\n") for n in names], fontsize=7.5)
         axis.grid(False, axis="x")
         axis.set_title(label)
-    axes[0, 0].set_ylabel("share of the variance")
+    axes[0, 0].set_ylabel("fraction of variance")
     axes[0, -1].legend(loc="upper left")
     return finish(figure, save=save)
 
 
 def _some(count: int) -> Any:
-    """Indices of the drawn runs."""
+    """Indices of the runs that the figure shows."""
     return np.arange(count)[:: max(1, -(-count // SHOWN))]

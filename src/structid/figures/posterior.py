@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 MOST_BARS = 400
-"""Number of walkers above which a histogram of acceptance rates replaces a bar for each."""
+"""Largest number of walkers with one bar per walker; for more walkers, a histogram of the acceptance rates is drawn."""
 SLIVER = 0.01
-"""Fraction of the prior's range below which a posterior is marked by a line at its mean."""
+"""Posterior width, as a fraction of the prior range, below which a line marks the posterior mean."""
 
 
 def _label(name: str, unit: str) -> str:
@@ -48,7 +48,7 @@ LONGEST_LABEL = 13
 
 
 def _label_in_lines(name: str, unit: str) -> str:
-    """Name over its unit; a long name over two lines."""
+    """Name above its unit; a long name is wrapped."""
     words, *rest = _label(name, unit).split(" [")
     if len(words) > LONGEST_LABEL:
         words = "\n".join(textwrap.wrap(words, LONGEST_LABEL))
@@ -56,7 +56,7 @@ def _label_in_lines(name: str, unit: str) -> str:
 
 
 def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """A power of ten for every parameter, and its unit with that power."""
+    """A power of ten for each parameter, and the parameter's unit with that power."""
     chosen = [in_powers_of_ten(unit, draws[:, i]) for i, unit in enumerate(units)]
     return np.array([c[0] for c in chosen]), [c[1] for c in chosen]
 
@@ -78,14 +78,14 @@ def marginals(
     figure, axes = canvas(len(names), 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         one = _Marginal(prior[:, i], posterior[:, i], np.array(supports[i]), best[i], truth.get(name, np.nan))
-        # The prior of a variance may be orders of magnitude wider than its posterior: each panel has its own unit.
+        # The prior of a variance may be orders of magnitude wider than the posterior: each panel has its own unit.
         for axis, draw, draws in ((axes[i, 0], _prior_range, one.prior), (axes[i, 1], _posterior_range, one.posterior)):
             by, shown_unit = in_powers_of_ten(unit, draws)
             draw(axis, one.over(by))
             axis.set_xlabel(_label(name, shown_unit))
             axis.locator_params(axis="x", nbins=5)
-    axes[0, 0].set_title("the prior's range: prior grey, posterior red", loc="left")
-    axes[0, 1].set_title("where the posterior is", loc="left")
+    axes[0, 0].set_title("prior range: prior grey, posterior red", loc="left")
+    axes[0, 1].set_title("posterior range", loc="left")
     axes[0, 1].legend(loc="upper left")
     return finish(figure, title, save)
 
@@ -100,12 +100,12 @@ class _Marginal(NamedTuple):
     truth: float
 
     def over(self, by: float) -> _Marginal:
-        """The same in another unit."""
+        """Data in another unit."""
         return _Marginal(self.prior / by, self.posterior / by, self.support / by, self.best / by, self.truth / by)
 
 
 def _prior_range(axis: Axes, one: _Marginal) -> None:
-    """Draw prior and posterior over the whole range of the prior; each density has its own scale."""
+    """Draw prior and posterior over the whole prior range; each density has its own scale."""
     p_low, p_high = np.quantile(one.prior, [0.001, 0.999])
     d_low, d_high = shown(one.posterior)
     span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
@@ -126,7 +126,7 @@ def _prior_range(axis: Axes, one: _Marginal) -> None:
 
 
 def _posterior_range(axis: Axes, one: _Marginal) -> None:
-    """Draw prior and posterior where the posterior is."""
+    """Draw prior and posterior over the range of the posterior."""
     low, high = shown(one.posterior)
     margin = 0.25 * (high - low)
     near = np.linspace(max(low - margin, one.support[0]), min(high + margin, one.support[1]), 400)
@@ -168,7 +168,7 @@ def pairs(
                 axis.hist(draws[:, i], bins=40, range=tuple(limits[:, i]), color=MODEL, alpha=0.6)
                 axis.set_yticks([])
             else:
-                # Pixels in the PDF, too: 1600 squares as paths take seconds to write, and viewers draw gaps between them.
+                # Rasterised in the PDF too: 1600 squares as paths take seconds to write, and viewers draw gaps between them.
                 axis.hist2d(
                     draws[:, j],
                     draws[:, i],
@@ -235,7 +235,7 @@ def traces(
 def acceptance(
     rates: Float[np.ndarray, "ensemble walker"], title: str = "", save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw the acceptance rate of every walker, or a histogram for very many walkers."""
+    """Draw the acceptance rate of each walker, or a histogram for a large number of walkers."""
     figure, axes = canvas(1, 1, height=1.9)
     draw = _histogram_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
     draw(axes[0, 0], rates)
@@ -279,15 +279,15 @@ def identifiability(
     axes[0, 0].bar(index, shown, color=[ACCENT if v >= 1.0 else MODEL for v in eigenvalues])
     axes[0, 0].axhline(1.0, color="k", lw=0.8, ls=":")
     axes[0, 0].set_yscale("log")
-    axes[0, 0].set_ylabel("information / prior's")
+    axes[0, 0].set_ylabel("information / prior")
     axes[0, 0].set_xticks(index, [str(i + 1) for i in index])
     axes[0, 0].set_xlabel("combination")
-    axes[0, 0].set_title("below the dotted line the prior knows more", loc="left")
+    axes[0, 0].set_title("below the dotted line, the prior dominates", loc="left")
     signs = np.sign(eigenvectors[np.argmax(np.abs(eigenvectors), axis=0), index])
     picture = axes[0, 1].imshow(eigenvectors * signs, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes[0, 1].grid(False)
     axes[0, 1].set_yticks(index, [pretty(n) for n in names])
     axes[0, 1].set_xticks(index, [str(i + 1) for i in index])
     axes[0, 1].set_xlabel("combination")
-    figure.colorbar(picture, ax=axes[0, 1], label="weight, in prior sds")
+    figure.colorbar(picture, ax=axes[0, 1], label="weight [prior sd]")
     return finish(figure, title, save)

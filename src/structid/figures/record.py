@@ -1,4 +1,4 @@
-"""Figures of a ground motion: record, Fourier amplitude, response spectrum, filter tuning."""
+"""Figures of a record: ground acceleration, Fourier amplitude, response spectrum, filter tuning."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def record(
     top.plot(time, acceleration, color=ACCENT, lw=0.7)
     peak = int(np.argmax(np.abs(acceleration)))
     top.plot(time[peak], acceleration[peak], "o", color=MODEL, ms=4)
-    # The label goes to the side of the peak where there is room.
+    # The label is on the side of the peak with more space.
     right = time[peak] < 0.6 * time[-1]
     top.annotate(
         f"PGA {abs(acceleration[peak]):.3g} m/s²",
@@ -68,12 +68,12 @@ def filter_tuning(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a record before and after a filter, in time and in frequency."""
+    """Draw a record before and after filtering, in the time and frequency domains."""
     figure, axes = canvas(3, 1, height=1.9)
     peak = time[int(np.argmax(np.abs(raw)))]
     for axis, span in ((axes[0, 0], (time[0], time[-1])), (axes[1, 0], (max(peak - 1.0, 0.0), peak + 1.0))):
         axis.plot(time, raw, color=ACCENT, lw=1.0, label="before")
-        # Dashed, so that "before" stays visible where the filter changes little.
+        # Dashed: "before" stays visible where the filter changes little.
         axis.plot(filtered_time, filtered, color=MODEL, lw=1.0, ls=(0, (3, 2)), label="after")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), ("acceleration", "m/s²"))

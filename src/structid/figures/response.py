@@ -1,4 +1,4 @@
-"""Figures of response histories: measured, predicted with bands, energies, whiteness of residuals."""
+"""Figures of response histories: measurements, predictions with bands, energies, whiteness of the residuals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def histories(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histories, one below the other."""
+    """Draw histories, one below another."""
     figure, axes = canvas(len(columns), 1, height=1.7, sharex=True)
     for axis, values, name, unit in zip(axes[:, 0], columns, names, units, strict=True):
         axis.plot(time, values, color=ACCENT, lw=0.8)
@@ -58,7 +58,7 @@ def measurement_on_record(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the excitation above the measurement, so that a time shift is visible before any sampling."""
+    """Draw the excitation above the measurement, so that a time shift is visible before sampling starts."""
     rows = [excitation, *measured]
     figure, axes = canvas(len(rows), 2, height=1.7, sharex="col", width_ratios=(2, 1))
     strong = np.cumsum((excitation[0] ** 2).reshape(len(time), -1).sum(axis=1))
@@ -68,7 +68,7 @@ def measurement_on_record(
         for axis in axes[row]:
             axis.plot(time, values, color=MUTED if row == 0 else MEASURED, lw=0.9, label="measured")
             if row and modelled is not None:
-                axis.plot(time, modelled[row - 1], color=MODEL, lw=0.8, label="model at the priors' medians")
+                axis.plot(time, modelled[row - 1], color=MODEL, lw=0.8, label="model at the prior medians")
         axes[row, 0].set_ylabel(in_lines(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name)))
         axes[row, 0].set_xlim(time[0], time[-1])
         axes[row, 1].set_xlim(max(time[0], middle - span), min(time[-1], middle + span))
@@ -98,7 +98,7 @@ def four_panels(
     name_axes(axes[0, 1], ("time", "s"), ("velocity", "mm/s"))
     axes[1, 0].plot(displacement, force, color=ACCENT, lw=0.6)
     name_axes(axes[1, 0], ("displacement", "mm"), ("restoring force", "kN"))
-    axes[1, 1].plot(time, hysteretic_energy + elastic_energy, color=MEASURED, label="absorbed in all")
+    axes[1, 1].plot(time, hysteretic_energy + elastic_energy, color=MEASURED, label="total")
     axes[1, 1].plot(time, hysteretic_energy, color=MODEL, label="hysteretic")
     axes[1, 1].plot(time, elastic_energy, color=ACCENT, lw=0.7, label="elastic")
     axes[1, 1].legend(loc="best")
@@ -119,9 +119,9 @@ def bands(
     save: str | os.PathLike[str] | None = None,
     reference: str = "measured",
 ) -> Figure:
-    """Draw a measured history and the bands of its prediction: whole, around its peak, and with the prediction subtracted.
+    """Draw a measured history and its prediction bands: the whole history, the time around the peak, and the residual.
 
-    The bands of a good fit are thinner than a line in the first panel and readable in the last one.
+    For a good fit, the bands are thinner than a line in the first panel but readable in the last panel.
     """
     figure, axes = canvas(3, 1, height=2.0)
     peak = time[int(np.argmax(np.abs(best if measured is None else measured)))]
@@ -133,14 +133,14 @@ def bands(
         _band(axis, time, (inner[0] - base, inner[1] - base), 0.55, "90 % of the model's response")
         if measured is not None:
             axis.plot(time, measured - base, color=MEASURED, lw=0.8 if axis is not axes[2, 0] else 0.4, label=reference)
-        # Dashed on top of the measurement, because the two lines coincide in a good fit.
+        # Dashed on top of the measurement: the two lines coincide in a good fit.
         axis.plot(time, best - base, color=MODEL, lw=0.9, ls="-" if measured is None else (0, (4, 3)), label="MAP")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), (pretty(name), pretty_unit(unit)))
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=4)
     axes[1, 0].set_title("around the peak", loc="left")
-    axes[2, 0].set_title("residual: less the prediction at the MAP estimate", loc="left")
+    axes[2, 0].set_title("residual with respect to the MAP prediction", loc="left")
     return finish(figure, title, save)
 
 
@@ -182,7 +182,7 @@ def side_by_side(
     reference: str = "measured",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw predictions of one measured history by several model classes: around its peak, and less the middle of the band."""
+    """Draw predictions of one measured history by several model classes: around the peak, and minus the middle of the band."""
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     strongest = np.abs(outer[0]).max(axis=0) if measured is None else np.abs(measured)
     peak = time[int(np.argmax(strongest))]
@@ -199,7 +199,7 @@ def side_by_side(
         close.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))
         left.set_xlim(time[0], time[-1])
         close.set_title(one, loc="left")
-        left.set_title("less the middle of its band", loc="left")
+        left.set_title("minus the middle of the band", loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=3)
     return finish(figure, save=save)
@@ -215,7 +215,7 @@ def residuals(
     values: Float[np.ndarray, " time"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the checks of whether whitened residuals are white: autocorrelation, spectrum, quantiles."""
+    """Draw three checks of the whiteness of whitened residuals: autocorrelation, spectrum, quantiles."""
     figure, axes = canvas(1, 3, height=2.4)
     left, middle, right = axes[0]
     left.axhspan(-bound, bound, color=MUTED, alpha=0.3, lw=0)
@@ -227,7 +227,7 @@ def residuals(
     middle.loglog(frequency, spectrum, color=ACCENT, lw=0.9)
     plain_ticks(middle.xaxis)
     plain_ticks(middle.yaxis)
-    middle.set_title("power over that of white noise", loc="left")
+    middle.set_title("power relative to white noise", loc="left")
     name_axes(middle, ("frequency", "Hz"), ("", ""))
     ordered = np.sort(values)
     quantiles = scipy.stats.norm.ppf((np.arange(len(ordered)) + 0.5) / len(ordered))

@@ -1,4 +1,4 @@
-"""Figure of a campaign: the responses of its runs, and where in parameter space runs failed."""
+"""Figure of a campaign: the responses of its runs, and the failed runs in parameter space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 400
-"""Largest number of runs for the bands, which limits the memory."""
+"""Largest number of runs used for the bands, to limit memory."""
 
 
 @styled
@@ -30,7 +30,7 @@ def overview(
     words: dict[int, str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw bands of the responses beside the design."""
+    """Draw bands of the responses, and the design next to them."""
     rows = max(len(channels), 1)
     figure, axes = canvas(rows, 2, height=2.4 if rows > 1 else 2.9, width_ratios=(1.6, 1.0))
     for axis, channel, unit, histories in zip(axes[:, 0], channels, units, np.moveaxis(values, 2, 0), strict=True):
@@ -44,7 +44,7 @@ def overview(
 
 def _bands(axis: Any, time: np.ndarray, histories: np.ndarray) -> None:
     if len(histories) == 0:
-        axis.text(0.5, 0.5, "no run is done", transform=axis.transAxes, ha="center", color=MUTED)
+        axis.text(0.5, 0.5, "no finished run", transform=axis.transAxes, ha="center", color=MUTED)
         return
     low, quarter, middle, three_quarters, high = np.quantile(histories, [0.05, 0.25, 0.5, 0.75, 0.95], axis=0)
     axis.fill_between(time, low, high, color=ACCENT, alpha=0.18, lw=0, label="90 %")
@@ -61,7 +61,7 @@ def _design(
     status: np.ndarray,
     words: dict[int, str],
 ) -> None:
-    """Scatter plot of the two parameters that best separate failed from finished runs; of the first two if none failed."""
+    """Scatter plot of the two parameters that best separate failed from finished runs; the first two if no run failed."""
     first, second = _most_separating(theta, status)
     if second is None:
         theta, names, units = np.column_stack([theta, np.arange(len(theta))]), (*names, "run"), (*units, "")
@@ -84,7 +84,7 @@ def _design(
 
 
 def _most_separating(theta: np.ndarray, status: np.ndarray) -> tuple[int, int | None]:
-    """The two parameters whose means over failed and over finished runs differ most, in standard deviations."""
+    """The two parameters with the largest difference between the means of failed and finished runs, in standard deviations."""
     if theta.shape[1] < 2:
         return 0, None
     failed = (status != 0) & (status != 4)

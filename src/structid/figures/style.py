@@ -1,4 +1,4 @@
-"""The common style of all figures, axis labels and units, densities, and saving."""
+"""The common style of all figures, labels and units of axes, kernel densities, and saving."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Drawing = TypeVar("Drawing", bound=Callable[..., Any])
 
 LABEL_WIDTH = 21
-"""Characters of a label along the height of a low panel."""
+"""Largest number of characters per line of a label along the vertical axis of a low panel."""
 
 MEASURED, MODEL, PRIOR, ACCENT, MUTED = "#1a1a1a", "#c1440e", "#8a8f98", "#1f6f8b", "#b8bcc4"
 """Colours: measurement, model (posterior), prior, accent, secondary lines."""
@@ -32,8 +32,8 @@ CYCLE = ("#1f6f8b", "#c1440e", "#6a994e", "#7b4b94", "#bc8034", "#386641")
 WIDTH = 7.4
 """Width of a full figure [inch]."""
 LONGEST_TAIL = 2.0
-"""Length of a tail shown in a panel of draws, beyond the central 90 %, in widths of these 90 %: more than a normal or
-exponential distribution has."""
+"""Largest length of a tail shown beyond the central 90 % of the draws, in widths of this 90 % range. Normal and exponential
+tails are shorter."""
 
 _RC = {
     "font.size": 9.0,
@@ -55,7 +55,7 @@ _RC = {
 
 
 def styled(draw: Drawing) -> Drawing:
-    """Draw in structid's style, and leave the caller's matplotlib settings unchanged."""
+    """Decorator that draws in structid's style and leaves the caller's matplotlib settings unchanged."""
 
     @functools.wraps(draw)
     def wrapped(*args: Any, **settings: Any) -> Any:
@@ -87,7 +87,7 @@ def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
 
 
 def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
-    """Choose a power of ten that brings numbers close to one, so that no axis shows an offset factor."""
+    """Choose a power of ten that scales the numbers close to one, so that no axis shows a separate factor."""
     size = float(np.quantile(np.abs(draws), 0.9))
     power = int(np.floor(np.log10(size))) if size > 0 else 0
     if -3 <= power <= 4:
@@ -104,7 +104,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
         target = Path(save)
         target = target.with_suffix("") if target.suffix in (".png", ".pdf") else target
         target.parent.mkdir(parents=True, exist_ok=True)
-        # No date and no version in the files, so that the same draws give the same file.
+        # No date and no version in the files: the same draws give the same file.
         figure.savefig(target.with_name(target.name + ".png"), metadata={"Software": None})
         figure.set_layout_engine("none")  # the PDF uses the layout found for the PNG
         figure.savefig(target.with_name(target.name + ".pdf"), metadata={"CreationDate": None})
@@ -112,7 +112,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
 
 
 def shown(draws: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, "2 ..."]:
-    """Range of draws that a panel shows: all but one in a thousand, and at most twice the 90 % range of a long tail."""
+    """Range of draws that a panel shows: 99.9 % of the draws, with a tail of at most two widths of the central 90 % range."""
     least, low, high, most = np.quantile(draws, [0.0005, 0.05, 0.95, 0.9995], axis=0)
     tail = LONGEST_TAIL * (high - low)
     return np.stack([np.maximum(least, low - tail), np.minimum(most, high + tail)])
@@ -129,7 +129,7 @@ def density(
         mirrored.append(2 * low - draws)
     if np.isfinite(high):
         mirrored.append(2 * high - draws)
-    # No wider than what is shown: a far draw would make the bins of all others coarse.
+    # The bins cover only the visible range: a distant draw would make all bins coarse.
     first, last = max(draws.min(), points.min()), min(draws.max(), points.max())
     bins = np.linspace(first - 6 * width, max(first, last) + 6 * width, 4097)
     centres = 0.5 * (bins[1:] + bins[:-1])
@@ -149,12 +149,12 @@ def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
 
 
 def in_lines(text: str) -> str:
-    """Wrap a label that is longer than a low panel is high, so that neighbouring labels do not overlap."""
+    """Wrap a label that is longer than the height of a low panel, so that neighbouring labels do not overlap."""
     return "\n".join(textwrap.wrap(text, LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)) or text
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where it spans less than two decades."""
+    """Label a logarithmic axis with plain numbers; at 1, 2 and 5 if it spans less than two decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -169,7 +169,7 @@ def _plain(value: float, _: int | None = None) -> str:
 
 
 def pretty(name: str) -> str:
-    """Name of a parameter or channel as figures show it."""
+    """Name of a parameter or channel for figures."""
     symbols = {
         "alpha": "α",
         "beta": "β",
@@ -201,5 +201,5 @@ def pretty_unit(unit: str) -> str:
 
 
 def thin(count: int, most: int = 4000) -> slice:
-    """Stride with which at most about `most` points are drawn."""
+    """Stride that selects about `most` points at most."""
     return slice(None, None, max(1, count // most))

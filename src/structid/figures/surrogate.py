@@ -31,7 +31,7 @@ def validation(
     integrated: tuple[np.ndarray, np.ndarray] | None = None,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the best, the median and the worst history, peaks, samples, and the distribution of the errors."""
+    """Draw the histories with the smallest, median and largest error; peaks; samples; and the distribution of the errors."""
     from matplotlib.figure import Figure
 
     histories = 3 if integrated is None else 4
@@ -94,7 +94,7 @@ def coefficients(
     names: tuple[str, ...],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the coefficients predicted by a surrogate against those fitted to each run alone."""
+    """Draw the coefficients that a surrogate predicts over the coefficients fitted to each single run."""
     from matplotlib.figure import Figure
 
     columns = 4
@@ -108,6 +108,6 @@ def coefficients(
         axis.set_title(name, fontsize=7.5, loc="left")
         axis.tick_params(labelsize=6.5)
         axis.locator_params(nbins=3)
-    figure.supxlabel("of the run itself", fontsize=9)
-    figure.supylabel("predicted from its parameters", fontsize=9)
+    figure.supxlabel("coefficients fitted to the run", fontsize=9)
+    figure.supylabel("coefficients predicted from the parameters", fontsize=9)
     return finish(figure, save=save)

@@ -1,4 +1,4 @@
-"""Figures of a wall of blocks: its mesh, its deformed shape, maps of its strains."""
+"""Figures of a wall of blocks: mesh, deformed shape, strain maps."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MASONRY, EDGE, STEEL = "#e9e2d6", "#9a8f7d", "#4d5a66"
-"""Colours of blocks, of their edges, and of the loading beam."""
+"""Colours of the blocks, the block edges and the loading beam."""
 OPEN = 0.02
-"""Fraction of the largest opening above which a joint is drawn as open."""
+"""Opening above which a joint is drawn as open, as a fraction of the largest opening."""
 MOST_NAMES = 40
-"""Number of blocks up to which each is numbered."""
+"""Largest number of blocks for which the figure numbers the blocks."""
 
 
 @styled
@@ -74,7 +74,7 @@ def deformed(
     loop: tuple[np.ndarray, np.ndarray, Sequence[int]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the deformed wall at some instants, joints coloured by their opening, and the loop with these instants."""
+    """Draw the deformed wall at some instants, with joints coloured by opening, and the loop with the instants marked."""
     from matplotlib.collections import LineCollection
 
     figure, (*axes, last) = _panels(len(moved) + 1)
@@ -88,7 +88,7 @@ def deformed(
         shape = corners + displacement
         _blocks(axis, shape)
         open_ones = np.flatnonzero(opening > OPEN * most)
-        # The two joints of a line each colour their half of the face.
+        # Each of the two joints of a face colours one half of the face.
         lines = []
         for number in open_ones:
             block, one, other = faces[number]
@@ -116,7 +116,7 @@ def strain_maps(
     titles: Sequence[str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw maps of von Mises strain on one scale."""
+    """Draw maps of von Mises strain on a common scale."""
     figure, axes = _panels(len(maps))
     most = max(float(np.nanmax(m)) for m in maps) or 1.0
     drawn = None
@@ -130,7 +130,7 @@ def strain_maps(
 
 
 def _panels(count: int) -> tuple[Any, list[Any]]:
-    """A figure with as many axes, three in a row."""
+    """A figure with `count` axes, three per row."""
     columns = min(count, 3)
     figure, axes = canvas(-(-count // columns), columns, height=2.7)
     for axis in axes.ravel()[count:]:
@@ -139,13 +139,13 @@ def _panels(count: int) -> tuple[Any, list[Any]]:
 
 
 def _without_axes(axis: Any) -> None:
-    """Remove the ticks of a wall's axes."""
+    """Hide the axes of a wall."""
     axis.set_aspect("equal")
     axis.axis("off")
 
 
 def _loop(axis: Any, drift: np.ndarray, shear: np.ndarray, instants: Sequence[int]) -> None:
-    """Base shear against drift, with numbered instants."""
+    """Draw base shear over drift, with numbered instants."""
     axis.plot(drift, shear, color=MUTED, lw=0.8)
     for number, instant in enumerate(instants, start=1):
         axis.plot(drift[instant], shear[instant], "o", ms=4, mew=0, color=MODEL)
@@ -154,7 +154,7 @@ def _loop(axis: Any, drift: np.ndarray, shear: np.ndarray, instants: Sequence[in
 
 
 def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDGE, width: float = 0.7) -> Any:
-    """Blocks as filled quadrilaterals."""
+    """Draw blocks as filled quadrilaterals."""
     from matplotlib.collections import PolyCollection
 
     drawn = PolyCollection(list(corners), facecolors=fill, edgecolors=edge, linewidths=width)
@@ -167,7 +167,7 @@ def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDG
 def joint_law(
     curves: Sequence[Sequence[tuple[np.ndarray, np.ndarray, str]]], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw tractions of a joint against opening and slip."""
+    """Draw the normal traction of a joint over opening, and the tangential traction over slip."""
     figure, axes = canvas(1, 2, height=2.6)
     names = (("opening", "normal traction"), ("slip", "tangential traction"))
     for axis, panel, (jump, traction) in zip(axes[0], curves, names, strict=True):

@@ -1,4 +1,4 @@
-"""The film of a wall: its deformed shape in time, with its drift below."""
+"""Animation of a wall: the deformed shape over time, and the drift below it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def animation(
     scale: float,
     per_second: int,
 ) -> Path:
-    """Write a film."""
+    """Write the animation to a file."""
     from matplotlib.animation import FuncAnimation
     from matplotlib.collections import PolyCollection
 
@@ -62,7 +62,7 @@ def _writer(path: Path, per_second: int) -> Any:
     if path.suffix.lower() == ".gif":
         return PillowWriter(fps=per_second)
     if path.suffix.lower() != ".mp4":
-        raise InputError("animate(path)", f"{path.name}", "a file that ends in .gif or .mp4")
+        raise InputError("animate(path)", f"{path.name}", "a file name ending in .gif or .mp4")
     if shutil.which("ffmpeg") is None:
-        raise InputError("animate(path)", f"{path.name}, without ffmpeg", "a GIF", "Install ffmpeg to write an MP4.")
+        raise InputError("animate(path)", "ffmpeg is not installed", "a file name ending in .gif", "Install ffmpeg.")
     return FFMpegWriter(fps=per_second)

@@ -1,1 +1,1 @@
-"""Excitations: ground motions, forces and imposed displacements; reading, simulation, processing, intensity measures."""
+"""Excitations: ground motions, forces, imposed displacements; their reading, simulation, processing, intensity measures."""

@@ -1,4 +1,4 @@
-"""Excitations of a model: a sampled signal with a constant step, whose type defines how it acts."""
+"""Excitations of a model: signals with a constant time step. The type of a signal defines its action on the model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
     """Check a signal and make it read-only: one dimension, finite, at least two samples, a positive step."""
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1 or array.size < 2:
-        raise InputError(where, f"an array of shape {array.shape}", "one dimension with two samples or more")
+        raise InputError(where, f"an array of shape {array.shape}", "one dimension and at least two samples")
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise InputError(
@@ -37,16 +37,16 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A signal at a constant step; its subclass says how it acts on a model."""
+    """A signal with a constant time step; the subclass defines its action on a model."""
 
     values: np.ndarray  # The samples in SI
     dt: float  # Time step [s]
     name: str = ""  # Name of the signal
-    # Between samples: straight lines, a cubic spline, or the Fourier series of the samples taken as one period.
-    # Straight lines lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose
-    # 0.8 %, a spline 0.0014 %. Records of ground motion are straight lines by convention
+    # Interpolation: straight lines, a cubic spline, or a Fourier series with the samples as one period. The relative error
+    # of straight lines at frequency ω is (ω dt)²/12. For a smooth force with 20 samples per period it is 0.8 %, and 0.0014 %
+    # for a spline. Ground motions are straight lines by convention
     interpolation: str = "linear"
-    # With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady
+    # With ``periodic``: number of initial periods that are computed and dropped, so that the response is the steady
     # state
     lead_in_periods: int = 0
 
@@ -74,7 +74,7 @@ class Excitation:
 
     @property
     def signals(self) -> tuple[Excitation, ...]:
-        """The individual signals: this one, or the parts of a combination."""
+        """The individual signals: this signal, or the parts of a combination."""
         return (self,)
 
     @property
@@ -89,11 +89,11 @@ class Excitation:
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of everything that a response depends on."""
+        """Hash of all data on which a response depends."""
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe everything but the samples, JSON-compatible."""
+        """Describe the signal without its samples, JSON-compatible."""
         return {
             "kind": self.kind,
             "dt": self.dt,
@@ -103,7 +103,7 @@ class Excitation:
         }
 
     def stage_values(self, substeps: int) -> np.ndarray:
-        """Signal at the start, middle and end of every integration step."""
+        """Return the signal at the start, middle and end of every integration step."""
         samples = self.values.size
         if self.interpolation == "periodic":
             fine = scipy.signal.resample(self.values, samples * 2 * substeps)
@@ -121,28 +121,28 @@ class Excitation:
 
     @check_arguments
     def values_at(self, times: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-        """Signal at arbitrary times within its duration."""
+        """Return the signal at arbitrary times within its duration."""
         if self.interpolation == "periodic":
             raise InputError(
                 f"{type(self).__name__} '{self.name}'", "a periodic signal", "linear or smooth interpolation"
             )
         latest = float(np.max(times, initial=0.0))
         if latest > self.duration * (1.0 + 1e-9):
-            came = f"asked for {latest:g} s, which is after its end"
-            raise InputError(f"{type(self).__name__} '{self.name}'", came, f"up to {self.duration:g} s")
+            came = f"the time {latest:g} s is after the end"
+            raise InputError(f"{type(self).__name__} '{self.name}'", came, f"times up to {self.duration:g} s")
         if self.interpolation == "smooth":
             return np.asarray(scipy.interpolate.CubicSpline(self.time, self.values)(times))
         return np.asarray(np.interp(times, self.time, self.values))
 
     @property
     def dropped_samples(self) -> int:
-        """Number of lead-in samples, which a response omits."""
+        """Number of lead-in samples, which are not part of a response."""
         return self.lead_in_periods * len(self)
 
 
 @check_arguments
 class ForceHistory(Excitation):
-    """A force on the mass [N] (for a frame: on the top storey).
+    """A force on the mass, or on the top storey of a frame [N].
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class DisplacementHistory(Excitation):
 
 @check_arguments
 class RotationHistory(Excitation):
-    """An imposed rotation [rad], beside displacements in a `CombinedExcitation`; the model returns the moment.
+    """An imposed rotation [rad], combined with displacements in a `CombinedExcitation`; the model returns the moment.
 
     Parameters
     ----------
@@ -223,17 +223,17 @@ class RotationHistory(Excitation):
 
 @check_arguments
 class CombinedExcitation(Excitation):
-    """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
+    """Several signals that act together: two components of a ground motion, or a ground motion and a force.
 
-    The built-in models take one signal. An external model gets ``values`` with a column for each signal; the terms of a NARX
-    name the signals ``x1``, ``x2``, ….
+    The built-in models take one signal. An external model receives ``values`` with a column for each signal. The terms of a
+    NARX model name the signals ``x1``, ``x2``, ….
 
     Parameters
     ----------
     parts : sequence of Excitation
-        Two or more, of the same step, length, interpolation and lead-in.
+        Two or more signals with the same time step, length, interpolation and lead-in.
     name : str
-        Name of the combination; by default made of the names of the parts.
+        Name of the combination; by default the names of the parts, joined by "and".
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class CombinedExcitation(Excitation):
     Raises
     ------
     InputError
-        If the parts cannot act together.
+        If the parts cannot be combined.
 
     Examples
     --------
@@ -269,9 +269,9 @@ class CombinedExcitation(Excitation):
         if len(signals) < 2 or len(timings) > 1:
             raise InputError(
                 "CombinedExcitation",
-                f"{len(signals)} signals with {len(timings)} different steps, lengths, interpolations or lead-ins",
-                "two or more that agree in all of these",
-                "Resample and trim them.",
+                f"{len(signals)} signals with {len(timings)} different time steps, lengths, interpolations or lead-ins",
+                "two or more signals with equal properties",
+                "Resample and trim the signals.",
             )
         values = np.stack([p.values for p in signals], axis=1)
         values.setflags(write=False)
@@ -298,11 +298,11 @@ class CombinedExcitation(Excitation):
         return "+".join(p.kind for p in self.parts)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe everything but the samples, ready for JSON."""
+        """Describe the signals without their samples, JSON-compatible."""
         return {"name": self.name, "parts": [p.to_plain() for p in self.parts]}
 
     def stage_values(self, substeps: int) -> np.ndarray:
-        """Signals at the start, middle and end of every integration step."""
+        """Return the signals at the start, middle and end of every integration step."""
         return np.stack([p.stage_values(substeps) for p in self.parts], axis=-1)
 
 
@@ -313,7 +313,7 @@ def check_one_signal(where: str, excitation: Excitation) -> None:
             where,
             f"{len(excitation.parts)} signals at once",
             "one GroundMotion, ForceHistory or DisplacementHistory",
-            "An external model, or a surrogate of one, can take several.",
+            "Use an external model, or its surrogate, for several signals.",
         )
 
 
@@ -321,12 +321,12 @@ def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
     """Check that all records have the same number of signals."""
     counts = sorted({1 if r.values.ndim == 1 else r.values.shape[1] for r in records})
     if len(counts) > 1:
-        came = f"records of {' and '.join(map(str, counts))} signals"
+        came = f"records with {' and '.join(map(str, counts))} signals"
         raise InputError(where, came, "the same number of signals in each record")
 
 
 def padded_values(records: Sequence[Excitation]) -> Float[np.ndarray, "record time *motion"]:
-    """Samples of several records in one array, with NaN after the end of a shorter record."""
+    """Return the samples of several records in one array, with NaN after the end of a shorter record."""
     table = np.full((len(records), max(map(len, records)), *records[0].values.shape[1:]), np.nan)
     for row, record in zip(table, records, strict=True):
         row[: len(record)] = record.values

@@ -1,4 +1,4 @@
-"""Processing of a sampled signal: baseline correction, zero-phase Butterworth filters, resampling, integration."""
+"""Processing of a signal: baseline correction, zero-phase Butterworth filters, resampling, integration."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SETTLED = 1e-8
 LONGEST_PADDING = 20
 """Largest number of samples by which a signal is extended at each end, as a multiple of its length."""
 MOST_SAMPLES = 20_000_000
-"""Largest length of a signal: two days at 100 Hz. More would fill the memory by mistake."""
+"""Maximum number of samples of a signal: two days at 100 Hz. Longer signals are probably a mistake and would fill the memory."""
 KERNEL, KAISER = 10, 5.0
 """Half-length of the anti-aliasing kernel in samples of the coarser step, and the parameter of its Kaiser window."""
 DRIFT = 0.01
@@ -37,7 +37,7 @@ DRIFT = 0.01
 def check_samples(where: str, samples: float) -> None:
     """Refuse an implausibly long signal."""
     if not samples <= MOST_SAMPLES:
-        raise InputError(where, f"a signal of {samples:.3g} samples", f"{MOST_SAMPLES:,} samples or fewer")
+        raise InputError(where, f"a signal of {samples:.3g} samples", f"at most {MOST_SAMPLES:,} samples")
 
 
 def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") -> Float[np.ndarray, " time"]:
@@ -47,11 +47,11 @@ def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") 
 
 
 def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
-    """Smallest digital Butterworth order that attenuates by 3 dB at the passband edge and 8 dB at the stopband edge."""
+    """Return the smallest digital Butterworth order with 3 dB attenuation at the passband edge and 8 dB at the stopband edge."""
     stop = STOPBAND_RATIO * edge if stop is None else stop
     nyquist = 0.5 / dt
     if not 0 < edge < nyquist:
-        raise InputError("filter edge", f"{edge:g} Hz", f"between 0 and the Nyquist frequency {nyquist:g} Hz")
+        raise InputError("filter edge", f"{edge:g} Hz", f"between 0 and the Nyquist frequency, {nyquist:g} Hz")
     order, _ = scipy.signal.buttord(edge, min(stop, 0.99 * nyquist), PASSBAND_LOSS, STOPBAND_LOSS, fs=1.0 / dt)
     return int(order)
 
@@ -59,7 +59,7 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
 def butterworth(
     signal: Float[np.ndarray, " time"], dt: float, edges: float | tuple[float, float], band: str, order: int
 ) -> Float[np.ndarray, " time"]:
-    """Filter forward and backward: no phase shift, and twice the attenuation (6 dB at the edge)."""
+    """Filter forward and backward, with no phase shift and with twice the attenuation (6 dB at the edge)."""
     nyquist = 0.5 / dt
     pair = np.atleast_1d(edges)
     if not (np.all(pair > 0) and np.all(pair < nyquist) and np.all(np.diff(pair) > 0)):
@@ -73,16 +73,16 @@ def butterworth(
             f"{band} edge",
             f"{edges} Hz at a time step of {dt:g} s",
             f"{LOWEST_EDGE * nyquist:g} Hz or more",
-            "The filter would take longer than the record to respond.",
+            "Raise the edge: the filter's response time would exceed the record.",
         )
     if not 1 <= order <= MOST_ORDER:
-        raise InputError(f"{band} order", f"{order}", f"1 to {MOST_ORDER}")
+        raise InputError(f"{band} order", f"{order}", f"an order from 1 to {MOST_ORDER}")
     sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
     if signal.size <= 3 * (2 * len(sections) + 1):
         raise InputError(band, f"a record of {signal.size} samples", f"more than {3 * (2 * len(sections) + 1)} samples")
     samples = np.arange(signal.size)
-    # What a filter makes of a signal near its ends depends on how it goes on there. A low-pass needs its slope to go on, a
-    # high-pass its mean, and of a straight line, which a high-pass makes zero, nothing at all.
+    # The filtered signal near the ends depends on the extension there. For a low-pass the extension continues the slope; for
+    # a high-pass it continues the mean, after a straight line is subtracted (a high-pass turns the line into zero anyway).
     if band == "lowpass":
         level, reflected = np.zeros(signal.size), "odd"
     else:
@@ -94,7 +94,7 @@ def butterworth(
 
 
 def _settling_samples(sections: np.ndarray) -> int:
-    """Samples after which the free response of a filter has decayed to `SETTLED`, by its slowest pole."""
+    """Return the number of samples after which a filter's free response decays to `SETTLED`, for its slowest pole."""
     _, poles, _ = scipy.signal.sos2zpk(sections)
     return int(np.ceil(np.log(SETTLED) / np.log(np.abs(poles).max())))
 
@@ -102,10 +102,10 @@ def _settling_samples(sections: np.ndarray) -> int:
 def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Float[np.ndarray, " new_time"]:
     """Resample with a polyphase anti-aliasing filter.
 
-    The signal is extended at its ends by odd reflection, so that a constant stays constant.
+    The signal is extended at its ends by odd reflection, so that a constant signal stays constant.
     """
     if not new_dt > 0:
-        raise InputError("resample: dt", f"{new_dt:g} s", "a positive step")
+        raise InputError("resample: dt", f"{new_dt:g} s", "a positive time step")
     ratio = Fraction(dt / new_dt).limit_denominator(1000)
     up, down = ratio.numerator, ratio.denominator
     if up == 0 or abs(up / down * new_dt / dt - 1.0) * signal.size > DRIFT:
@@ -113,13 +113,13 @@ def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Fl
         raise InputError(
             "resample: dt",
             f"{new_dt:.9g} s from {dt:.9g} s",
-            "steps whose ratio is a fraction of whole numbers up to 1000",
-            f"The nearest such step is {nearest}.",
+            "time steps whose ratio is a fraction of whole numbers up to 1000",
+            f"Use the nearest such step, {nearest}.",
         )
     check_samples("resample: dt", signal.size * up / down)
     if up == down:
         return signal.copy()
-    # A whole number of coarse steps in front, so that the first sample stays where it is.
+    # The extension at the start is a whole number of coarse steps, so that the time of the first sample does not change.
     beyond = down * (KERNEL * max(up, down) // (up * down) + 1)
     padded = np.pad(signal, beyond, mode="reflect", reflect_type="odd")
     first, samples = beyond * up // down, (signal.size - 1) * up // down + 1
@@ -129,7 +129,7 @@ def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Fl
 
 
 def _resampling_kernel(up: int, down: int) -> np.ndarray:
-    """Low-pass at the smaller Nyquist frequency; each of its `up` phases sums to one, so that a constant has no ripple."""
+    """Return a low-pass at the smaller Nyquist frequency. Each of its `up` phases sums to one, so a constant has no ripple."""
     half = KERNEL * max(up, down)
     kernel = scipy.signal.firwin(2 * half + 1, 1.0 / max(up, down), window=("kaiser", KAISER))
     phase = (np.arange(kernel.size) - half) % up
@@ -138,6 +138,6 @@ def _resampling_kernel(up: int, down: int) -> np.ndarray:
 
 
 def integrate(signal: Float[np.ndarray, "... time"], dt: float) -> Float[np.ndarray, "... time"]:
-    """Integrate over time by the trapezoidal rule, from zero."""
+    """Integrate over time by the trapezoidal rule, starting from zero."""
     integral: np.ndarray = scipy.integrate.cumulative_trapezoid(signal, dx=dt, initial=0.0, axis=-1)
     return integral

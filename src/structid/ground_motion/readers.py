@@ -21,13 +21,13 @@ NOT_READ = {
     "COSMOS": re.compile(r"COSMOS\s+FORMAT|\(\s*FORMAT\s+V\s*\d", re.IGNORECASE),
     "CSMIP volume 1 or 2": re.compile(r"(UN)?CORRECTED ACCELEROGRAM", re.IGNORECASE),
 }
-"""Formats recognised by their first lines and not supported."""
+"""Unsupported formats, recognised by their first lines."""
 
 
 ROUNDED_TIME = 0.05
-"""Largest error of a printed time, in steps."""
+"""Largest error of a printed time, as a fraction of the time step."""
 LARGEST_DENOMINATOR = 100_000
-"""Largest denominator of a time step as a fraction of a second; no instrument's clock needs a larger one."""
+"""Largest denominator of a time step, as a fraction of a second; no instrument needs a larger denominator."""
 
 _DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?Z?"
 _STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
@@ -53,14 +53,14 @@ def read_acceleration(
         if sign.search(first):
             raise InputError(
                 f"{path}",
-                f"a file in the format {name}, which is not read",
+                f"the format {name} is not supported",
                 "PEER AT2, ESM ASCII, or text with a time and an acceleration column",
-                "Convert it, or cut out its accelerations, one a line: GroundMotion.read(path, dt=0.01, unit='cm/s^2').",
+                "Convert the file, or extract its accelerations, one per line: GroundMotion.read(path, dt=0.01, unit='cm/s^2').",
             )
     if unit is None:
         raise InputError(
             f"{path}",
-            "no unit was given for a text file",
+            "the unit of a text file is missing",
             "unit='g', 'm/s^2', 'cm/s^2', …",
             "Give the unit of the values: GroundMotion.read(path, unit='g').",
         )
@@ -69,9 +69,9 @@ def read_acceleration(
 
 
 class Columns(NamedTuple):
-    """Columns of a text file, sampled at a constant step."""
+    """Columns of a text file, with a constant time step."""
 
-    start: float  # Time of the first line [s]; 0 in a file without times
+    start: float  # Time of the first line [s]; 0 for a file without times
     dt: float  # Time step [s]
     values: Float[np.ndarray, "time column"]  # requested columns in SI
 
@@ -84,7 +84,7 @@ def read_columns(
     si_unit: str | None = None,
     others: Sequence[int] = (),
 ) -> Columns:
-    """Read a signal from text columns: time and value, or values alone with a given time step."""
+    """Read a signal from text columns: times and values, or only values with a given time step."""
     table, numbers, titles, stamp = _table(path)
     if stamp and dt is None:
         raise InputError(
@@ -98,9 +98,9 @@ def read_columns(
         if not 0 <= index < table.shape[1]:
             raise InputError(
                 f"{path}",
-                f"{table.shape[1]} columns, and column {index} asked for",
-                f"column 0 to {table.shape[1] - 1}",
-                "A file with a single column needs dt.",
+                f"column {index} is missing, since the file has {table.shape[1]} columns",
+                f"a column from 0 to {table.shape[1] - 1}",
+                "Give an existing column. For a file with a single column, give dt.",
             )
     start = 0.0 if dt is not None else float(table[0, 0])
     step = _constant_step(path, table[:, 0], numbers) if dt is None else dt
@@ -112,21 +112,21 @@ def read_columns(
 
 
 def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int], dt: float | None, others: int) -> int:
-    """The column of the values, if it is unambiguous."""
+    """Return the column of the values, if it is unambiguous."""
     columns, where = table.shape[1], f"{path}, line {numbers[0]}"
-    wrapped = "Where the record goes on from line to line, write it with one value a line, and give dt."
+    wrapped = "If the record continues from line to line, write one value per line and give dt."
     if dt is not None and columns > 1 + others:
-        allowed = f"column=0 to {columns - 1}, or one value a line"
-        cure = f"{wrapped} A time column needs no dt."
-        raise InputError(where, f"{columns} values a line, a time step, and no column named", allowed, cure)
+        allowed = f"column=0 to {columns - 1}, or one value per line"
+        cure = f"{wrapped} If there is a time column, leave dt out."
+        raise InputError(where, f"{columns} values per line and a time step, but no column is named", allowed, cure)
     if columns > 2 + others:
-        allowed = f"column=1 to {columns - 1}, the time being column 0"
-        raise InputError(where, f"{columns} values a line, and no column named", allowed, wrapped)
+        allowed = f"column=1 to {columns - 1}, since column 0 is the time"
+        raise InputError(where, f"{columns} values per line, but no column is named", allowed, wrapped)
     return 0 if dt is not None else 1
 
 
 def _check_unit_of_title(where: str, title: str, unit: str) -> None:
-    """Refuse a unit that contradicts the bracketed unit in the column's title."""
+    """Refuse a unit that contradicts the unit in brackets in the column title."""
     bracketed = re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]", title)
     if bracketed is None:
         return
@@ -137,14 +137,14 @@ def _check_unit_of_title(where: str, title: str, unit: str) -> None:
     except InputError:
         return
     if not agree:
-        cure = f"Leave it at unit='{unit_in_title}', or correct the head of the column."
-        raise InputError(where, f"the column is called '{title.strip()}', and unit='{unit}' is given", "one unit", cure)
+        cure = f"Use unit='{unit_in_title}', or correct the column title."
+        raise InputError(where, f"the column title is '{title.strip()}', but unit='{unit}' is given", "one unit", cure)
 
 
 def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[str], str]:
-    """All numbers of a file (line, column), their line numbers, the titles above the first line, and a date stamp.
+    """Return all numbers of a file (line, column), their line numbers, the titles above the first line, and a date stamp.
 
-    Dates and times of day in the first column are zeros in the table; the first of them is the stamp.
+    Dates and times of day in the first column become zeros in the table; the first of them is the stamp.
     """
     rows: list[list[float]] = []
     numbers: list[int] = []
@@ -159,31 +159,31 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[st
             titles = titles if rows else _titles(text)
             continue
         if _EMPTY_CELL.search(text):
-            cure = "Fill it, or leave its column out: cells after it would be taken for those before."
+            cure = "Fill the cell, or remove its column: otherwise later cells would move to earlier columns."
             raise InputError(f"{path}, line {number}", "an empty cell", "a number in every cell", cure)
         row = numbers_of(path, [_in_columns(text)], first_line=number)
         if rows and len(row) != len(rows[0]):
             came = f"{len(row)} column{'' if len(row) == 1 else 's'}"
             raise InputError(
-                f"{path}, line {number}", came, f"{len(rows[0])}, as in the lines before", "Is a cell empty?"
+                f"{path}, line {number}", came, f"{len(rows[0])}, as in the lines before", "Check for an empty cell."
             )
         rows.append(list(row))
         numbers.append(number)
     if len(rows) < 2:
-        raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more")
+        raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more lines")
     return np.array(rows), numbers, titles, first_stamp
 
 
 def _titles(text: str) -> list[str]:
-    """Column titles, separated by semicolons, commas, tabs or two spaces."""
+    """Split a line into column titles, separated by semicolons, commas, tabs or two spaces."""
     return [word for word in re.split(r";|,|\t|\s{2,}", text.lstrip("#% ")) if word.strip()]
 
 
 def _in_columns(text: str) -> str:
-    """A line with its values separated by spaces, and with decimal points.
+    """Rewrite a line with decimal points, and with spaces between the values.
 
-    Values are separated by semicolons, spaces or commas. A comma inside a number is decimal where another separator is used:
-    ``0,01; 0,35`` and ``0,01  0,35``, but not ``0,1``.
+    Values are separated by semicolons, spaces or commas. A comma in a number is a decimal comma if the line has another
+    separator, as in ``0,01; 0,35`` and ``0,01  0,35``, but not in ``0,1``.
     """
     if '"' in text:
         separator = ";" if ";" in re.sub(r'"[^"]*"', "", text) else ","
@@ -197,7 +197,7 @@ def _in_columns(text: str) -> str:
 
 
 def _is_header(text: str) -> bool:
-    """Whether a line contains a word that is not a number; ``nan`` counts as a number and is rejected later."""
+    """Whether a line contains a word other than a number; ``nan`` counts as a number here and is rejected later."""
     for word in _in_columns(text).split():
         try:
             float(word)
@@ -207,10 +207,10 @@ def _is_header(text: str) -> bool:
 
 
 def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers: list[int]) -> float:
-    """The step of a time column; refuses a column with varying step and names the first such line."""
+    """Return the step of a time column; refuse a column with varying step, and name the first irregular line."""
     steps = np.diff(time)
     dt = float(time[-1] - time[0]) / (time.size - 1)
-    # Times may be printed with few digits: a deviation of the last digit is allowed, one near a sample is not.
+    # Times may be printed with few digits: deviations in the last digit are allowed, deviations near one time step are not.
     deviation = float(np.abs(time - time[0] - dt * np.arange(time.size)).max())
     if dt <= 0.0 or deviation > ROUNDED_TIME * dt:
         usual = float(np.median(steps))
@@ -218,18 +218,18 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
         at = int(irregular[0]) + 1 if irregular.size else int(np.argmin(steps)) + 1
         raise InputError(
             f"{path}, line {line_numbers[at]}",
-            f"time {time[at]:.9g} s after {time[at - 1]:.9g} s, where the step is {usual:.6g} s elsewhere",
+            f"time {time[at]:.9g} s follows {time[at - 1]:.9g} s, but the usual step is {usual:.6g} s",
             "times that increase by a constant step",
-            "Resample the record to a constant step first. Where decimals have commas, put semicolons between the columns.",
+            "Resample the record to a constant step first. If numbers have decimal commas, separate the columns by semicolons.",
         )
-    # All times together know the step better than one difference: to twice the rounding of the first and the last one.
+    # All times together give the step more precisely than one difference. The error is twice the rounding of the end times.
     resolution = max(2.0 * deviation / (time.size - 1), 1e-12 * dt)
     step = _simplest_fraction(Fraction(dt - resolution), Fraction(dt + resolution))
     return float(step) if step.denominator <= LARGEST_DENOMINATOR else float(f"{dt:.9g}")
 
 
 def _simplest_fraction(low: Fraction, high: Fraction) -> Fraction:
-    """Fraction with the smallest denominator in an interval, by continued fractions: 1/256 for 0.0039062 to 0.0039063."""
+    """Return the fraction with the smallest denominator in an interval: 1/256 for 0.0039062 to 0.0039063."""
     whole = low.numerator // low.denominator
     if whole == low:
         return low

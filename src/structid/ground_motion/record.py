@@ -1,4 +1,4 @@
-"""A ground-motion record: read or simulate it, process it, measure it, draw it."""
+"""A ground-motion record, with methods to read, simulate, process, characterise and draw it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @check_arguments
 class GroundMotion(Excitation):
-    """Ground acceleration at a constant step. Immutable: every operation returns a new one.
+    """Ground acceleration with a constant time step. Records are immutable: every operation returns a new record.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         path : path-like
-            An ``.AT2`` or ESM file, or text/CSV with a time and an acceleration column, or one column.
+            An ``.AT2`` or ESM file, or a text or CSV file with an acceleration column and, unless `dt` is given, a time column.
         dt : float, optional
             Time step [s] of a file without a time column.
         unit : str, optional
-            Unit of the values of a text file, such as ``"g"`` or ``"cm/s^2"``. Other files say theirs, and must agree.
+            Unit of the values in a text file, such as ``"g"`` or ``"cm/s^2"``. It must agree with any unit in the file's header.
         column : int, optional
             Column of the values in a text file, counted from 0.
         name : str, optional
@@ -85,7 +85,7 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If the file cannot be read as such a record; the message names the line.
+            If the file is not such a record; the message names the line.
         """
         return cls(*readers.read_acceleration(path, dt, unit, column), Path(path).stem if name is None else name)
 
@@ -104,8 +104,8 @@ class GroundMotion(Excitation):
     ) -> GroundMotion:
         """Simulate a stochastic record (Rezaeian & Der Kiureghian 2010, doi 10.1002/eqe.997).
 
-        White noise is filtered with a frequency that changes with time, multiplied by a gamma-type modulating function, and
-        high-pass filtered.
+        White noise passes through a filter whose frequency changes with time. It is then multiplied by a gamma-type modulating
+        function and high-pass filtered.
 
         Parameters
         ----------
@@ -116,9 +116,9 @@ class GroundMotion(Excitation):
         arias : float
             Expected Arias intensity [m/s].
         significant_duration, middle : float
-            Expected D5-95 and middle of the strong shaking [s].
+            Expected significant duration D5-95, and time of the middle of the strong shaking [s].
         frequency, frequency_slope : float
-            Filter frequency at the middle [Hz] and its change [Hz/s].
+            Filter frequency at the middle of the strong shaking [Hz] and its rate of change [Hz/s].
         bandwidth : float
             Damping ratio of the filter.
 
@@ -146,7 +146,7 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         kind : {"constant", "linear"}
-            What to subtract.
+            Subtract the mean (``"constant"``) or the least-squares line (``"linear"``).
 
         Returns
         -------
@@ -240,14 +240,14 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If all values of the record are zero, or the peak is not a positive number.
+            If all values of the record are zero, or `pga` is not a positive number.
         """
         if not 0.0 < pga < np.inf:
             raise InputError(
                 "scale_to_pga",
                 f"{pga!r}",
-                "a peak in m/s², more than 0",
-                "A record with the opposite sign is scale(-1.0).",
+                "a positive peak in m/s²",
+                "For the opposite sign, use scale(-1.0).",
             )
         if self.pga == 0.0:
             raise InputError(
@@ -281,17 +281,17 @@ class GroundMotion(Excitation):
         Returns
         -------
         GroundMotion
-            That part of the record; its time starts at zero.
+            The selected part of the record; its time starts at zero.
 
         Raises
         ------
         InputError
-            If the interval is empty, or does not lie within the record.
+            If the interval is empty or not inside the record.
         """
         inside = 0.0 <= start < end <= self.duration + self.dt
         first, last = (round(start / self.dt), min(round(end / self.dt), len(self) - 1)) if inside else (0, 0)
         if last - first < 1:
-            raise InputError("trim", f"{start:g} s to {end:g} s", f"an interval within 0 s to {self.duration:g} s")
+            raise InputError("trim", f"{start:g} s to {end:g} s", f"an interval between 0 s and {self.duration:g} s")
         return self._with(self.values[first : last + 1])
 
     def pad(self, before: float = 0.0, after: float = 0.0) -> GroundMotion:
@@ -321,12 +321,12 @@ class GroundMotion(Excitation):
 
     @property
     def velocity(self) -> np.ndarray:
-        """Ground velocity by integration from rest [m/s], shape (time,)."""
+        """Ground velocity [m/s], integrated from rest, shape (time,)."""
         return processing.integrate(self.values, self.dt)
 
     @property
     def displacement(self) -> np.ndarray:
-        """Ground displacement by integration from rest [m], shape (time,)."""
+        """Ground displacement [m], integrated from rest, shape (time,)."""
         return processing.integrate(self.velocity, self.dt)
 
     @property
@@ -350,7 +350,7 @@ class GroundMotion(Excitation):
         return spectra.significant_duration(self.values, self.dt)
 
     def fourier_amplitude(self) -> tuple[np.ndarray, np.ndarray]:
-        """Fourier amplitude spectrum.
+        """Compute the Fourier amplitude spectrum.
 
         Returns
         -------
@@ -368,7 +368,7 @@ class GroundMotion(Excitation):
     def response_spectrum(
         self, periods: np.ndarray | None = None, damping_ratio: float = 0.05
     ) -> spectra.ResponseSpectrum:
-        """Response spectrum of linear oscillators.
+        """Compute the response spectrum of linear oscillators.
 
         Parameters
         ----------
@@ -433,7 +433,7 @@ class GroundMotion(Excitation):
         return record_figures.record(*drawn, title=self.name, save=save)
 
     def plot_filter(self, filtered: GroundMotion, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw this record and the filtered record, in time and in frequency, to tune the filter.
+        """Draw this record and the filtered record in the time and frequency domains, to tune the filter.
 
         Parameters
         ----------

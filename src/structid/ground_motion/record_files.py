@@ -1,4 +1,4 @@
-"""Accelerogram formats with self-describing headers: PEER AT2 and ESM ASCII."""
+"""Readers of accelerogram formats with complete headers: PEER AT2 and ESM ASCII."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ UNITS = {
     **{spelt: "m/s^2" for spelt in ("m/sec**2", "m/s**2", "m/s/s", "m/sec/sec", "m/sec2", "m/s2", "m/s^2", "m/sec^2")},
     **{spelt: "mm/s^2" for spelt in ("mm/sec**2", "mm/s**2", "mm/s/s", "mm/s2", "mm/s^2")},
 }
-"""Units of acceleration as headers spell them, in lower case."""
+"""Spellings of acceleration units in headers, in lower case."""
 
 
 def read_peer(
     path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read a PEER ``.AT2`` file: up to eight header lines with count, step, quantity and unit, then values."""
+    """Read a PEER ``.AT2`` file: up to eight header lines with count, time step, quantity and unit, then the values."""
     lines = lines_of(path)
     count, step, last = _count_and_step(path, lines)
     _check_step(f"{path}, line {last + 1}", step, dt)
@@ -54,7 +54,7 @@ def read_peer(
             f"{path}, lines 1-{last + 1}",
             f"'{another.group(0)}'",
             "an acceleration",
-            "Take the .AT2 file of the same record.",
+            "Use the .AT2 file of this record.",
         )
     by = _factor(path, header, unit)
     values = numbers_of(path, [_repaired(line) for line in lines[last + 1 :]], first_line=last + 2)
@@ -66,7 +66,7 @@ def _check_step(where: str, step: float, given: float | None) -> None:
     if given is not None and abs(given / step - 1.0) > 1e-6:
         cure = "Leave dt out, or correct the header."
         raise InputError(
-            where, f"the header says a time step of {step:g} s, and dt={given:g} is given", "one time step", cure
+            where, f"the header gives a time step of {step:g} s, but dt={given:g} is given", "one time step", cure
         )
 
 
@@ -74,14 +74,14 @@ def _check_count(where: str, declared: str, right: bool, found: int) -> None:
     if not right:
         raise InputError(
             where,
-            f"the header says {declared}, and {found} values follow",
-            "as many values as the header says",
-            "The file is cut short or damaged: download it again.",
+            f"the header gives {declared}, but {found} values follow",
+            "the number of values in the header",
+            "Download the file again, since it is incomplete or damaged.",
         )
 
 
 def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, float, int]:
-    """NPTS, DT [s], and the index of the last header line."""
+    """Return NPTS, DT [s], and the index of the last header line."""
     count, step = None, None
     for number, line in enumerate(lines[:8]):
         old = _OLD_HEADER.search(line)
@@ -96,12 +96,12 @@ def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int
         f"{path}, lines 1-8",
         "no lines with NPTS and DT",
         "a PEER AT2 header such as 'NPTS= 4000, DT= .0100'",
-        "Columns of text need a time column or dt, and another ending than .at2: GroundMotion.read(path, dt=0.01, unit='g').",
+        "For text columns, use another file extension, and a time column or dt: GroundMotion.read(path, dt=0.01, unit='g').",
     )
 
 
 def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -> float:
-    """SI value of one unit of the values, from the header or the argument."""
+    """Return the factor that converts the values to SI, from the header or the argument."""
     match = next(((n, m.group(1)) for n, line in enumerate(header, start=1) if (m := _UNIT.search(line))), None)
     given = None if unit is None else factor_of(unit, "m/s^2", f"{path}: unit")
     if match is None:
@@ -111,9 +111,9 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
     if _ANOTHER_UNIT.fullmatch(spelt):
         raise InputError(
             f"{path}, line {number}",
-            f"the unit '{spelt}', which is none of an acceleration",
+            f"'{spelt}' is not a unit of acceleration",
             "g, gal, cm/sec**2, m/sec**2, …",
-            "Take the acceleration of the same record. Or correct the header, if it holds one.",
+            "Use the acceleration file of this record. If the values are accelerations, correct the header.",
         )
     if factor_in_header is None:
         if given is not None:
@@ -122,13 +122,13 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
             f"{path}, line {number}",
             f"the unit '{spelt}'",
             "g, gal, cm/sec**2, m/sec**2, …",
-            "Say which it is: GroundMotion.read(path, unit='cm/s^2').",
+            "Give the unit: GroundMotion.read(path, unit='cm/s^2').",
         )
     by = factor(factor_in_header)
     if given is not None and abs(given / by - 1.0) > 1e-3:
         raise InputError(
             f"{path}, line {number}",
-            f"the header says '{spelt}', and unit='{unit}' is given",
+            f"the header gives '{spelt}', but unit='{unit}' is given",
             "one unit",
             "Leave the unit out, or correct the header.",
         )
@@ -136,12 +136,12 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
 
 
 def _decimal(word: str) -> float:
-    """A number with a decimal comma or a Fortran exponent."""
+    """Convert a number with a decimal comma or a Fortran exponent."""
     return float(re.sub("[dD]", "e", word.replace(",", ".")))
 
 
 def _repaired(line: str) -> str:
-    """A line as Fortran may print it: D exponents, negative values without a preceding space, decimal commas."""
+    """Repair a line that Fortran printed with D exponents, decimal commas, or no space before negative values."""
     apart = re.sub(r"(?<=[\d.])-", " -", re.sub(r"(?<=[\d.])[dD](?=[-+]?\d)", "e", line))
     return re.sub(r"(?<=\d),(?=\d)|(?<=[\s-]),(?=\d)", ".", apart).replace(",", " ")
 
@@ -155,7 +155,7 @@ def read_esm(
     last = max(number for number, line in enumerate(lines) if ":" in line)
     if keys.get("DATA_TYPE", "ACCELERATION").upper() != "ACCELERATION":
         raise InputError(
-            f"{path}", f"DATA_TYPE: {keys['DATA_TYPE']}", "ACCELERATION", "Take the record's acceleration."
+            f"{path}", f"DATA_TYPE: {keys['DATA_TYPE']}", "ACCELERATION", "Use the acceleration file of this record."
         )
     step = re.fullmatch(_NUMBER, keys.get("SAMPLING_INTERVAL_S", ""))
     if step is None or (unit is None and not keys.get("UNITS")):
@@ -163,7 +163,7 @@ def read_esm(
             f"{path}, lines 1-{last + 1}",
             f"UNITS: {keys.get('UNITS', '')}, SAMPLING_INTERVAL_S: {keys.get('SAMPLING_INTERVAL_S', '')}",
             "a unit and a time step in seconds",
-            "Complete the header, or name the unit: GroundMotion.read(path, unit='cm/s^2').",
+            "Complete the header, or give the unit: GroundMotion.read(path, unit='cm/s^2').",
         )
     _check_step(f"{path}", _decimal(step.group(1)), dt)
     by = _factor(path, lines[: last + 1], unit)
@@ -184,7 +184,7 @@ def lines_of(path: str | os.PathLike[str]) -> list[str]:
     raw = file.read_bytes()
     marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     text = raw.decode("utf-16" if marked else "utf-8-sig", errors="replace")
-    # Files copied between systems may end their lines in \r\r\n; lines are counted by \n.
+    # Lines of files copied between systems may end in \r\r\n; only \n counts as the end of a line.
     lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
     if not any(line.strip() for line in lines):
         raise InputError(f"{path}", "the file is empty", "a record", "Download it again.")
@@ -192,7 +192,7 @@ def lines_of(path: str | os.PathLike[str]) -> list[str]:
 
 
 def numbers_of(path: str | os.PathLike[str], lines: list[str], first_line: int) -> np.ndarray:
-    """Read all numbers of some lines."""
+    """Read all numbers of the given lines."""
     values: list[float] = []
     for number, line in enumerate(lines, start=first_line):
         for word in line.split():

@@ -1,6 +1,6 @@
 """A stochastic ground motion: filtered white noise whose frequency and intensity change with time.
 
-The model of S. Rezaeian & A. Der Kiureghian (2010), "Simulation of synthetic ground motions for specified earthquake and
+Source: S. Rezaeian & A. Der Kiureghian (2010), "Simulation of synthetic ground motions for specified earthquake and
 site characteristics", Earthquake Engng Struct. Dyn. 39, 1155-1180, doi 10.1002/eqe.997.
 """
 
@@ -23,10 +23,10 @@ CORNER_FREQUENCY = 0.1
 def modulating_function(
     time: Float[np.ndarray, " time"], arias: float, duration: float, middle: float
 ) -> Float[np.ndarray, " time"]:
-    """Gamma-type modulating function q(t) = α₁ t^(α₂−1) exp(−α₃ t), from three physical measures.
+    """Compute the gamma-type modulating function q(t) = α₁ t^(α₂−1) exp(−α₃ t) from three physical measures.
 
-    q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃. So the times of 5, 45 and 95 % of the Arias
-    intensity are quantiles of that density.
+    q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃. The times of 5, 45 and 95 % of the Arias intensity
+    are therefore quantiles of this density.
     """
 
     def ratio(log_shape: float) -> float:
@@ -51,7 +51,7 @@ def modulating_function(
 def filtered_noise(
     rng: np.random.Generator, samples: int, dt: float, frequency: Float[np.ndarray, " time"], damping_ratio: float
 ) -> Float[np.ndarray, " time"]:
-    """White noise through a filter whose frequency changes with time, scaled to unit variance.
+    """Pass white noise through a filter whose frequency changes with time, and scale it to unit variance.
 
     x(t) = Σ_i h(t − t_i; ω_i) w_i / σ_h(t),  h(τ; ω) = ω/√(1−ζ²) exp(−ζωτ) sin(ω√(1−ζ²) τ)
     """
@@ -60,7 +60,7 @@ def filtered_noise(
     root = np.sqrt(1.0 - damping_ratio**2)
     time = np.arange(samples) * dt
     motion, variance = np.zeros(samples), np.zeros(samples)
-    # Pulse by pulse, each until it has died out: exp(−ζωτ) < 1e-7.
+    # Each pulse is computed until it has decayed: exp(−ζωτ) < 1e-7.
     lives = np.minimum(np.ceil(16.0 / (damping_ratio * omega) / dt).astype(int) + 1, samples)
     for i in range(samples):
         lag = time[: min(lives[i], samples - i)]
@@ -71,7 +71,7 @@ def filtered_noise(
     return normalised
 
 
-# A study reads its record several times.
+# The result is cached, because a study reads its record several times.
 @functools.lru_cache(maxsize=32)
 def stochastic_acceleration(
     seed: int,
@@ -84,13 +84,13 @@ def stochastic_acceleration(
     frequency_slope: float,
     damping_ratio: float,
 ) -> Float[np.ndarray, " time"]:
-    """One realisation of the stochastic ground acceleration."""
+    """Simulate one realisation of the stochastic ground acceleration."""
     if seed < 0 or samples < 2 or not min(dt, arias, duration, middle, frequency) > 0 or not 0 < damping_ratio < 1:
         raise InputError(
             "synthetic record",
             f"seed {seed}, {samples} samples at {dt:g} s, arias {arias:g}, duration {duration:g}, middle {middle:g}, "
             f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
-            "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
+            "a seed of 0 or more, other numbers positive, and a bandwidth between 0 and 1",
         )
     rng = stream(seed, Purpose.RECORD)
     time = np.arange(samples) * dt
@@ -98,7 +98,7 @@ def stochastic_acceleration(
     motion = modulating_function(time, arias, duration, middle) * filtered_noise(
         rng, samples, dt, filter_frequency, damping_ratio
     )
-    # z″ + 2ω_c z′ + ω_c² z = x. The ground acceleration is z″; its velocity and displacement return to zero.
+    # z″ + 2ω_c z′ + ω_c² z = x. The ground acceleration is z″; the ground velocity and displacement return to zero.
     corner = 2.0 * np.pi * CORNER_FREQUENCY
     numerator, denominator = scipy.signal.bilinear([1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt)
     acceleration: np.ndarray = scipy.signal.lfilter(numerator, denominator, motion)

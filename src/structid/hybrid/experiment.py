@@ -1,4 +1,4 @@
-"""A hybrid test: two parts, a specimen, a record; a check beforehand, the run, the result."""
+"""A hybrid test with two parts, a specimen and a record: feasibility check, run and result."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from structid.hybrid.control.transfer_system import Actuator
 from structid.hybrid.coupling.base import CoarseStep, Coupling, Joined
 from structid.hybrid.coupling.partitioned_run import StepFrame, base_of, steps_over
 from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.feasibility import Feasibility, Plan, VirtualMoves, check_feasibility
+from structid.hybrid.feasibility import Feasibility, HybridTestPlan, VirtualMoves, check_feasibility
 from structid.hybrid.hybrid_result import Event, HybridResult
 from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.laboratory.specimen import Specimen, SpecimenDescription, SpecimenError
@@ -32,10 +32,10 @@ from structid.hybrid.recording.result_file import About, save
 from structid.hybrid.substructures.substructure import Substructure
 from structid.mechanics.restoring_forces import CollapseError
 
-NEVER_RESUMED = "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began."
+NEVER_RESUMED = "A test on a structure is never resumed: a damaged structure cannot return to an earlier state."
 
 INTERFACE_SHARE = 0.5
-"""Fraction of the numerical part's interface mass that belongs to a physical part without a description."""
+"""Fraction of the numerical part's interface mass that is assigned to a physical part without a description."""
 
 
 @check_arguments
@@ -46,33 +46,33 @@ class HybridTest:
     Parameters
     ----------
     numerical : Substructure
-        The part in the computer.
+        Part of the structure that is computed.
     specimen : Specimen
-        The part in the laboratory, or a program in its place.
+        Specimen in the laboratory, or a program in its place.
     record : GroundMotion
-        What shakes both.
+        Ground acceleration that excites both parts.
     dt : float
         Coarse step Δt [s] of simulated time.
     time_scale : float
-        λ, wall time over simulated time.
+        λ, ratio of wall time to simulated time.
     coupling : Coupling, optional
-        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold, or by its own ramp if it takes
-        one place a move; a fine one continuously, a fine step in λ Δt/ss, which must be a whole number of its controller steps.
+        Default: `PrakashHjelmstad` without substeps. A coarse specimen moves by ramp and hold, or by its own ramp if it accepts
+        one position per move. A fine specimen moves continuously; a fine step takes λ Δt/ss, a whole number of controller steps.
     compensation : Compensation, optional
-        Of the delay of the transfer system.
+        Compensation of the delay of the transfer system.
     physical : Substructure, optional
-        Mass, damping, K₀ and influence of the specimen's part, and in ``restoring_force`` what it is expected to answer, for the
-        check beforehand. When left out: the specimen's channels are the interface, its stiffness is what it tells, and half of the
-        numerical part's mass there belongs to it.
+        Mass, damping, K₀ and influence of the specimen's part; its ``restoring_force`` is the expected force for the feasibility
+        check. By default, the specimen's channels are the interface, its description gives the stiffness, and half of the
+        numerical part's interface mass belongs to it.
     geometry : array-like, shape (channel, dof), optional
-        B of the channels' displacements B u; one channel for each degree of freedom of the physical part when left out.
+        Matrix B of the channel displacements B u; default: one channel per degree of freedom of the physical part.
     duration : float, optional
-        How much of the record [s]; all when left out.
+        Simulated part of the record [s]; default: the whole record.
     force_correction : bool
-        Whether r + K₀ (ũ − u_m) is taken for the force. It is exact for a linear specimen, and adds damping (K₀ − K_t) τ/λ to one
-        that has softened.
+        Whether the force is corrected to r + K₀ (ũ − u_m). The correction is exact for a linear specimen. For a softened
+        specimen, it adds the damping (K₀ − K_t) τ/λ.
     online : UnscentedFilter, optional
-        Follows the parameters of a specimen of one channel while the test runs.
+        Filter that estimates the parameters of a one-channel specimen during the test.
 
     Examples
     --------
@@ -110,12 +110,12 @@ class HybridTest:
         if self.compensation is not None and self.compensation.learns and not self._motion.samples == 1:
             raise InputError(
                 "HybridTest.compensation",
-                f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps a move",
-                "a fine specimen with one controller step a fine step: it learns from every one",
-                f'Take substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine="physical".',
+                f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps per move",
+                "a fine specimen with one controller step per fine step: the compensation learns from every controller step",
+                f'Use substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine="physical".',
             )
 
-    # --- what it is made of -------------------------------------------------------------------------------------
+    # --- parts and geometry -------------------------------------------------------------------------------------
 
     @cached_property
     def _description(self) -> SpecimenDescription:
@@ -123,16 +123,16 @@ class HybridTest:
 
     @cached_property
     def _parts(self) -> tuple[Substructure, Substructure]:
-        """Numerical and physical part."""
+        """Numerical part and physical part."""
         if self.physical is not None:
             return self.numerical, self.physical
         stiffness_of_specimen, rows = self._description.stiffness, np.asarray(self.numerical.interface)
         if stiffness_of_specimen is None or len(stiffness_of_specimen) != len(rows):
             raise InputError(
                 "HybridTest.physical",
-                "nothing",
+                "it is missing",
                 "a Substructure with mass, damping and K₀ of the specimen's part",
-                "It may be left out for a specimen that tells its stiffness and has one channel for each row of the interface.",
+                "Omit it only if the specimen's description gives a stiffness and one channel for each row of the interface.",
             )
         shared = INTERFACE_SHARE * rows @ self.numerical.mass @ rows.T
         rest = replace(self.numerical, mass=self.numerical.mass - rows.T @ shared @ rows)
@@ -146,14 +146,14 @@ class HybridTest:
 
     @cached_property
     def _geometry(self) -> np.ndarray:
-        """B, shape (channel, dof)."""
+        """Matrix B, shape (channel, dof)."""
         channels, dofs = len(self._description.channels), self._parts[1].dofs
         if self.geometry is None and channels == dofs:
             return np.eye(dofs)
         given = None if self.geometry is None else np.asarray(self.geometry, dtype=np.float64)
         if given is None or given.shape != (channels, dofs):
-            came = "nothing" if given is None else f"an array of shape {given.shape}"
-            raise InputError("HybridTest.geometry", came, f"({channels} channels, {dofs} degrees of freedom)")
+            came = "it is missing" if given is None else f"an array of shape {given.shape}"
+            raise InputError("HybridTest.geometry", came, f"shape ({channels}, {dofs}): channels, degrees of freedom")
         return given
 
     @cached_property
@@ -177,50 +177,52 @@ class HybridTest:
         correction = self._parts[1].stiffness if self.force_correction else None
         return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moved)
 
-    def _seeing(self, moves: list[Move]) -> Callable[[Move], None]:
-        """Keep every move, and pass it to the filter."""
+    def _move_callback(self, moves: list[Move]) -> Callable[[Move], None]:
+        """Function that stores every move and passes it to the filter."""
         online = self.online
         if online is None:
             return moves.append
 
-        def seen(move: Move) -> None:
+        def store_and_filter(move: Move) -> None:
             moves.append(move)
             online.see(float(move.measured[0]), float(move.force[0]))
 
-        return seen
+        return store_and_filter
 
-    # --- before and during --------------------------------------------------------------------------------------
+    # --- check and run ------------------------------------------------------------------------------------------
 
     def check(self) -> Feasibility:
-        """Say whether the test can work, from its parts and from a virtual run; nothing moves.
+        """Check from the parts and from a virtual run whether the test is feasible; nothing moves.
 
         Returns
         -------
         Feasibility
-            Its figures, what cannot work, and what one should know.
+            Key figures, reasons against the test, and warnings.
 
         Raises
         ------
         InputError
-            If parts, record, geometry or steps do not fit together.
+            If parts, record, geometry and steps are inconsistent.
         """
         return self._checked
 
     @cached_property
     def _checked(self) -> Feasibility:
-        """The check, computed once for the user and the run."""
+        """Result of the check, computed once for the user and the run."""
         coupled = self._joined(self._force(self.specimen)).of_parts(*self._parts)
         base = base_of(self.record, coupled, self.duration)
-        with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
+        with np.errstate(over="ignore", invalid="ignore"):  # unbounded growth is refused later
             virtual = self._virtual_moves(coupled, base)
-        plan = Plan(coupled, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
+        plan = HybridTestPlan(
+            coupled, self._description, self._geometry, self._motion, self.compensation, self.time_scale
+        )
         return check_feasibility(plan, virtual, (len(base) - 1) // coupled.substeps)
 
     def _virtual_moves(self, coupled: Joined, base: np.ndarray) -> VirtualMoves:
-        """Expected moves of the specimen, with the expected force.
+        """Expected moves of the specimen, computed with the expected force.
 
-        A continuous motion is read late, and a delayed specimen, compensated or not, receives other commands. The run then uses a
-        simulated specimen behind a transfer system with the delays of this one.
+        A delayed specimen in continuous motion is read late and receives other commands, with or without compensation. The
+        virtual run then uses a simulated specimen behind a transfer system with the same delays.
         """
         channels, geometry = self._description.channels, self._geometry
         late = self._motion.continuous and any(channel.delay for channel in channels)
@@ -242,47 +244,47 @@ class HybridTest:
     def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
         """Run the test.
 
-        Whatever ends it early, a refused move, a silent specimen, a full disk or Ctrl-C, the specimen holds its position, and every
-        finished step is in the result and in the store.
+        If the test ends early (a refused move, a silent specimen, a full disk, Ctrl-C), the specimen holds its position. The
+        result and the store then contain every finished step.
 
         Parameters
         ----------
         store : path-like, optional
-            HDF5 file of the result. Until the test has ended, its recording is beside it, from which `open_hybrid` reads it too.
+            HDF5 file for the result. During the test, its recording is next to this file; `open_hybrid` reads the recording too.
         resume : bool
-            Whether to go on with a simulated test that was cut off. A fresh specimen is moved through all steps again; they must
-            come out as they were, to the last bit.
+            Whether to continue an interrupted simulated test. A new specimen repeats all recorded steps, and the results must
+            be equal to the last bit.
 
         Returns
         -------
         HybridResult
-            What happened.
+            Result of the test.
 
         Raises
         ------
         InputError
-            If the check says that it cannot work, if the store exists, or if a test on a structure is to be resumed; nothing has
-            moved then.
+            If the test is infeasible, if the store exists, or if a test on a structure is to be resumed. In these cases, nothing
+            has moved.
         """
         checked = self.check()
         if not checked.can_work:
             raise InputError(
                 "HybridTest",
                 " ".join(checked.refusals).removesuffix("."),
-                "a test that can work",
-                "See HybridTest.check().",
+                "a feasible test",
+                "Print HybridTest.check() for all figures.",
             )
         return self._run_unchecked(checked, None if store is None else Path(store), resume)
 
     def _run_unchecked(
         self, checked: Feasibility | None = None, store: Path | None = None, resume: bool = False
     ) -> HybridResult:
-        """Run a test that may be infeasible, which virtual specimens survive."""
+        """Run a test without a refusal if it is infeasible; only simulated specimens are safe then."""
         checked = self.check() if checked is None else checked
         moves: list[Move] = []
         if self.online is not None:
             self.online.begin(0.0 if self._description.datum is None else self._description.datum[0])
-        coupled = self._joined(self._force(self.specimen, self._seeing(moves)))
+        coupled = self._joined(self._force(self.specimen, self._move_callback(moves)))
         about = About(
             self._description,
             checked,
@@ -304,11 +306,11 @@ class HybridTest:
         )
         if stiffer > STIFFER:
             warning = (
-                f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: "
-                "steps may be unstable."
+                f"The specimen was {stiffer:.3g} times as stiff as K₀. K₀ must be its largest tangent stiffness; "
+                "otherwise steps may be unstable."
             )
             warnings.warn(warning, StructidWarning, stacklevel=4)
-            events.insert(0, Event(result.steps * self.dt, warning))  # what ended the test comes last
+            events.insert(0, Event(result.steps * self.dt, warning))  # the event that ended the test is the last one
         path = None if self.online is None else self.online.path()
         result = replace(result, events=tuple(events), stiffness_ratio=stiffer, online=path)
         if recorder is not None and store is not None:
@@ -318,19 +320,19 @@ class HybridTest:
     def _taken(
         self, coupled: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
     ) -> tuple[np.ndarray, list[Event]]:
-        """Take all steps; returns the rows of the completed ones, and what ended them."""
+        """Take all steps; returns the rows of the completed steps, and the event that ended the test early."""
         base = base_of(self.record, coupled, self.duration)
         rows: list[np.ndarray] = []
-        known_rows = 0
+        recorded_moves = 0
 
         def keep(step: np.ndarray) -> None:
-            nonlocal known_rows
-            rows.append(about.row(step, moves[known_rows:]))
-            known_rows = len(moves)
+            nonlocal recorded_moves
+            rows.append(about.row(step, moves[recorded_moves:]))
+            recorded_moves = len(moves)
             number = len(rows) - 1
             if earlier is not None and number < len(earlier) and not np.array_equal(rows[-1], earlier[number], True):
-                came = f"step {number} comes out otherwise than before"
-                raise InputError("HybridTest.run", came, "the same test and specimen, from the start")
+                came = f"step {number} differs from the recording"
+                raise InputError("HybridTest.run", came, "the recorded test, with the specimen in its initial state")
             if recorder is not None:
                 recorder.add(rows[-1])
 
@@ -343,18 +345,18 @@ class HybridTest:
         except (SpecimenError, RecordingError) as error:
             ending = str(error)
         except KeyboardInterrupt:
-            ending = "It was stopped from the keyboard."
+            ending = "The test was stopped from the keyboard."
         self.specimen.hold(ending)
         return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, ending)]
 
     def _earlier(self, store: Path) -> np.ndarray | None:
-        """Rows of a simulated test that was interrupted; its recording is set aside."""
+        """Rows of an interrupted simulated test; its recording is renamed to end in .before."""
         if not journal_of(store).exists():
             return None
         if not self._description.simulated:
             raise InputError(
                 "HybridTest.run",
-                f"a test on '{self._description.name}' that was cut off",
+                f"an interrupted test on '{self._description.name}'",
                 "a simulated specimen",
                 NEVER_RESUMED,
             )
@@ -365,12 +367,12 @@ class HybridTest:
 
 
 def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResult:
-    """Move a recording to its store, if the disk allows it."""
+    """Write a result to its store and remove the recording; if the disk fails, keep the recording."""
     recorder.close()
     try:
         save(result, store)
     except OSError as error:
-        warning = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
+        warning = f"{store} could not be written: {error.strerror or error}. open_hybrid reads its recording instead."
         return replace(
             result, events=(Event(float(result.coarse.time[-1]) if result.histories else 0.0, warning), *result.events)
         )
@@ -381,13 +383,13 @@ def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResu
 
 
 def _taken_virtually(coupled: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
-    """Steps of a run with the expected force, and how it failed; empty where it did not."""
+    """Steps of a run with the expected force, and the reason of a failure; an empty text if it did not fail."""
     steps: list[CoarseStep] = []
     try:
         for step in steps_over(coupled, coupled.start(base[0]), base):
             steps.append(step)
     except (CollapseError, SpecimenError) as collapse:
-        return steps, f"In the virtual run the specimen fails at {len(steps) * coupled.dt:.3g} s: {collapse}."
+        return steps, f"In the virtual run, the specimen fails at {len(steps) * coupled.dt:.3g} s: {collapse}."
     return steps, ""
 
 

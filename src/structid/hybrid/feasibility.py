@@ -1,4 +1,4 @@
-"""Feasibility of a hybrid test, before anything moves: its figures, refusals, warnings."""
+"""Feasibility of a hybrid test before any movement: key figures, refusals and warnings."""
 
 from __future__ import annotations
 
@@ -20,51 +20,49 @@ from structid.hybrid.laboratory.specimen import SpecimenDescription
 from structid.hybrid.substructures.substructure import Substructure
 
 LARGEST_FINE_STEP = 0.5
-"""Largest ω_P Δt of a fine specimen coupled by a virtual step; beyond it the spurious damping is no longer small."""
+"""Largest ω_P Δt of a fine specimen under predicted interface forces; above it, spurious damping is no longer small."""
 ROUNDING = 1e-6
-"""Tolerance of a stiffness ratio and an amplification that should be at most one."""
+"""Tolerance for a stiffness ratio or an amplification that should be at most one."""
 ABSURD = 1e3
-"""Displacement [m] that no specimen reaches."""
+"""Displacement that no specimen can reach [m]."""
 TANGENT_ERROR = 1e-4
-"""Error of a probed stiffness, relative to K₀."""
+"""Error of a stiffness from finite differences, relative to K₀."""
 PROBE = 1e-7
-"""Displacement [m] for probing the first tangent of the expected force."""
+"""Displacement for the initial tangent stiffness of the expected force, by finite differences [m]."""
 SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
 """Fractions of K₀ at which the damping of a softened specimen is examined."""
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Figures, refusals and warnings of a test before it starts."""
+    """Key figures, refusals and warnings of a test, computed before it starts."""
 
-    critical_delay: float  # λ τ_c [s] of wall time; infinite where no delay is critical
+    critical_delay: float  # λ τ_c [s] of wall time; infinite if no delay is critical
     delay: float  # delay of the transfer system, as declared by the specimen [s]
-    damping: tuple[float, ...]  # damping ratio of every mode of the structure with that delay and the compensation
-    # Least damping ratio, most often negative, that the coupling adds to a mode of a softened specimen
+    damping: tuple[float, ...]  # damping ratio of each mode, with the delay and its compensation
+    # Smallest damping ratio that the coupling adds to a mode of a softened specimen; usually negative
     spurious_damping: float
-    # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
-    stroke: tuple[float, ...]
-    # Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run
-    velocity: tuple[float, ...]
+    stroke: tuple[float, ...]  # largest displacement of every channel in a virtual run [m]
+    velocity: tuple[float, ...]  # largest velocity of every channel in a virtual run [m/s] of wall time
     force: tuple[float, ...]  # largest force of every channel in a virtual run [N]
-    wall_time: float  # expected duration [s]
+    wall_time: float  # expected duration of the test [s]
     steps: int  # number of coarse steps
-    refusals: tuple[str, ...] = ()  # reasons why it cannot work
-    warnings: tuple[str, ...] = ()  # warnings
+    refusals: tuple[str, ...] = ()  # reasons why the test is infeasible
+    warnings: tuple[str, ...] = ()  # warnings about a feasible test
 
     @property
     def can_work(self) -> bool:
-        """Whether there is no refusal."""
+        """True if there is no refusal."""
         return not self.refusals
 
     def __str__(self) -> str:
         lines = [
-            "This test can work." if self.can_work else "This test cannot work.",
+            "This test is feasible." if self.can_work else "This test is not feasible.",
             *(f"  - {refusal}" for refusal in self.refusals),
             *(f"  note: {warning}" for warning in self.warnings),
             f"critical delay      {1e3 * self.critical_delay:.1f} ms of wall time",
             f"delay               {1e3 * self.delay:.1f} ms of the transfer system",
-            f"damping with it     {', '.join(f'{100.0 * z:.2f}' for z in self.damping)} %",
+            f"damping with delay  {', '.join(f'{100.0 * z:.2f}' for z in self.damping)} %",
             f"spurious damping    {100.0 * self.spurious_damping:.2g} % at the worst softening",
             f"expected stroke     {', '.join(f'{1e3 * x:.2f}' for x in self.stroke)} mm",
             f"expected velocity   {', '.join(f'{1e3 * x:.2f}' for x in self.velocity)} mm/s of wall time",
@@ -75,10 +73,10 @@ class Feasibility:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """What a test is going to do, as input of the check."""
+class HybridTestPlan:
+    """A planned test: input of the check."""
 
-    joined: Joined  # both parts, the physical one with its expected force
+    joined: Joined  # both parts, with the expected force of the physical part
     description: SpecimenDescription  # description of the specimen
     geometry: Float[np.ndarray, "channel dof"]  # B
     motion: Motion  # motion of the specimen
@@ -88,20 +86,20 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class VirtualMoves:
-    """Moves of a specimen in a virtual run, with the expected force."""
+    """Moves of the specimen in a virtual run with the expected force."""
 
     targets: Float[np.ndarray, "move channel"]  # displacements [m]
     forces: Float[np.ndarray, "move channel"]  # forces [N]
-    collapse: str = ""  # how it failed; empty where it did not
+    collapse: str = ""  # reason of a failure; empty if the run did not fail
 
     @property
     def bounded(self) -> bool:
-        """Whether everything is finite, and no displacement absurd."""
+        """True if all values are finite and no displacement reaches `ABSURD`."""
         return bool(np.abs(self.targets).max() < ABSURD and np.isfinite(self.forces).all())
 
 
-def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
-    """Largest displacement and rate of the commands with compensation, which overshoots and amplifies small jumps."""
+def commanded(plan: HybridTestPlan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
+    """Largest displacement and rate of the commands; compensation overshoots and amplifies small jumps."""
     step = plan.description.controller_step
     started = np.concatenate([0.0 * targets[:1], targets])
     if plan.compensation is None:
@@ -116,23 +114,23 @@ def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[n
     ) / step
 
 
-def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> Float[np.ndarray, " mode"]:
-    """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ)."""
+def damping_with_delay(plan: HybridTestPlan, whole: WholeStructure, delay: float) -> Float[np.ndarray, " mode"]:
+    """Damping ratio of each mode: ζ + p Im G/2 with G = gain · e^(−iωτ)."""
     if not plan.motion.continuous:
         return whole.damping_ratios
     factors = np.array([_loop_factor(plan, omega, delay) for omega in whole.frequencies])
     return np.asarray(whole.damping_ratios + 0.5 * whole.shares * factors.imag)
 
 
-def _loop_factor(plan: Plan, omega: float, delay: float) -> complex:
-    """G = gain · e^(−iωτ), by which the loop multiplies the specimen's force at a frequency ω of simulated time."""
+def _loop_factor(plan: HybridTestPlan, omega: float, delay: float) -> complex:
+    """Loop factor G = gain · e^(−iωτ) on the specimen's force, at a frequency ω of simulated time."""
     turned = omega / plan.time_scale
     gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, delay)
     return complex(gain * np.exp(-1j * turned * delay))
 
 
-def spurious_damping(plan: Plan) -> float:
-    """Smallest damping that the coupling adds to a mode of a softened specimen without damping of its own."""
+def spurious_damping(plan: HybridTestPlan) -> float:
+    """Smallest damping ratio that the coupling adds to a mode of undamped parts with a softened specimen."""
     numerical, physical = (side.part for side in (plan.joined.numerical, plan.joined.physical))
     dampings = [
         free_oscillations(plan.joined.of_parts(numerical.undamped().softened(1.0), physical.undamped().softened(share)))
@@ -141,8 +139,8 @@ def spurious_damping(plan: Plan) -> float:
     return min(float(f.damping_ratios.min(initial=0.0)) for f in dampings)
 
 
-def check_feasibility(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
-    """Check a test by a virtual run."""
+def check_feasibility(plan: HybridTestPlan, virtual: VirtualMoves, steps: int) -> Feasibility:
+    """Check the feasibility of a test with the moves of a virtual run."""
     whole = WholeStructure.of(plan.joined)
     delay = max(channel.delay for channel in plan.description.channels)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -171,8 +169,8 @@ def check_feasibility(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibil
     )
 
 
-def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
-    """Largest stiffness of the specimen over K₀, declared or expected."""
+def largest_stiffness(plan: HybridTestPlan, virtual: VirtualMoves) -> float:
+    """Largest declared or expected stiffness of the specimen, relative to K₀."""
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
     ratios = [
         1.0,
@@ -188,7 +186,7 @@ def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
 
 
 def _first_tangent(part: Substructure) -> np.ndarray:
-    """Tangent of the expected force, by small moves from rest."""
+    """Initial tangent stiffness of the expected force, from small displacements."""
     start = np.zeros(part.dofs)
     at_rest, memory = part.force.begin(start)
     columns = [(part.force.at(memory, PROBE * row)[0] - at_rest) / PROBE for row in np.eye(part.dofs)]
@@ -196,92 +194,92 @@ def _first_tangent(part: Substructure) -> np.ndarray:
     return np.asarray(0.5 * (tangent + tangent.T))
 
 
-def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
-    """Problems of the delay, one sentence each."""
+def _late(plan: HybridTestPlan, whole: WholeStructure, figures: Feasibility) -> list[str]:
+    """Messages that refuse a test because of its delay."""
     if not plan.motion.continuous:
         waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
-        if plan.motion.settles or waits >= found.delay:
+        if plan.motion.settles or waits >= figures.delay:
             return []
         return [
-            f"The specimen is read {1e3 * waits:.0f} ms after its ramp has ended, and follows {1e3 * found.delay:.1f} ms late. "
+            f"The specimen is read {1e3 * waits:.0f} ms after the end of its ramp, but its delay is {1e3 * figures.delay:.1f} ms. "
             "Choose a larger time scale."
         ]
-    if plan.compensation is None and found.delay == 0.0:
+    if plan.compensation is None and figures.delay == 0.0:
         return []
-    growing = whole.growing_oscillations(partial(_loop_factor, plan, delay=found.delay))
+    growing = whole.growing_oscillations(partial(_loop_factor, plan, delay=figures.delay))
     if not growing:
         return []
-    mode = int(np.argmin(found.damping))
+    mode = int(np.argmin(figures.damping))
     which = (
-        f"mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a damping of {100.0 * found.damping[mode]:.2f} % "
-        "and would grow"
-        if found.damping[mode] <= 0.0
+        f"mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a damping ratio of "
+        f"{100.0 * figures.damping[mode]:.2f} % and would grow"
+        if figures.damping[mode] <= 0.0
         else f"{growing} oscillation{'s' if growing > 1 else ''} would grow"
     )
     return [
-        f"With a delay of {1e3 * found.delay:.1f} ms {which}. Without compensation up to {1e3 * found.critical_delay:.1f} ms can "
-        "be borne. Choose a larger time scale, or compensate the delay."
+        f"With a delay of {1e3 * figures.delay:.1f} ms, {which}. The critical delay without compensation is "
+        f"{1e3 * figures.critical_delay:.1f} ms. Choose a larger time scale, or compensate the delay."
     ]
 
 
-def _unstable(plan: Plan, virtual: VirtualMoves, stiffness: float) -> list[str]:
-    """Problems of steps and splitting, one sentence each."""
+def _unstable(plan: HybridTestPlan, virtual: VirtualMoves, stiffness: float) -> list[str]:
+    """Messages that refuse a test because of its steps or its splitting."""
     sentences = []
     coupled, physical = plan.joined, plan.joined.physical.part
     step = physical.largest_frequency * coupled.dt
     if coupled.guesses_for_specimen and step > LARGEST_FINE_STEP:
         sentences.append(
-            f"ω Δt of the fine specimen is {step:.2f}, at most {LARGEST_FINE_STEP:g} is allowed: its spurious damping grows with "
-            f"the cube. Take Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, or the numerical part as the "
-            "fine one, or GravouilCombescure."
+            f"ω Δt of the fine specimen is {step:.2f}. It must be at most {LARGEST_FINE_STEP:g}, because spurious damping grows "
+            f"with its cube. Use Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, make the numerical part the "
+            "fine part, or use GravouilCombescure."
         )
     if stiffness > 1.0 + TANGENT_ERROR:
         stiff = coupled.of_parts(coupled.numerical.part.softened(1.0), physical.softened(stiffness))
         if (radius := spectral_radius(stiff)) > 1.0 + ROUNDING:
             sentences.append(
-                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {coupled.dt:g} s grows "
-                f"by {radius:.3g}. K₀ must be its largest tangent; or take smaller steps."
+                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀. The response then grows by a factor of "
+                f"{radius:.3g} in a step of {coupled.dt:g} s. Set K₀ to its largest tangent stiffness, or choose smaller steps."
             )
     if not virtual.bounded:
-        sentences.append("In the virtual run displacements grow beyond all bounds: the steps are unstable.")
+        sentences.append("In the virtual run, displacements grow without bound: the steps are unstable.")
     if plan.motion.samples > plan.description.longest_path:
         sentences.append(
-            f"A move has {plan.motion.samples} controller steps, and the specimen takes {plan.description.longest_path} at most. "
-            "Choose a smaller time scale, or smaller steps."
+            f"A move has {plan.motion.samples} controller steps, but the specimen accepts at most {plan.description.longest_path}. "
+            "Choose a smaller time scale or smaller steps."
         )
     return sentences
 
 
-def _beyond_limits(plan: Plan, found: Feasibility) -> list[str]:
-    """Exceeded limits of the channels, one sentence each."""
+def _beyond_limits(plan: HybridTestPlan, figures: Feasibility) -> list[str]:
+    """Messages that refuse a test because a channel exceeds a limit."""
     sentences = []
     for k, channel in enumerate(plan.description.channels):
         for what, unit, limit, value in (
-            ("displacement", channel.unit, channel.stroke, found.stroke[k]),
-            ("velocity", f"{channel.unit}/s", channel.velocity, found.velocity[k]),
-            ("force", "N" if channel.unit == "m" else "N m", channel.force, found.force[k]),
+            ("displacement", channel.unit, channel.stroke, figures.stroke[k]),
+            ("velocity", f"{channel.unit}/s", channel.velocity, figures.velocity[k]),
+            ("force", "N" if channel.unit == "m" else "N m", channel.force, figures.force[k]),
         ):
             if limit is not None and not value <= limit:
                 cure = " Choose a larger time scale." if what == "velocity" else " Choose a weaker record."
                 sentences.append(
-                    f"{channel.name}: a {what} of {value:.4g} {unit} is expected, and the limit is {limit:.4g}.{cure}"
+                    f"{channel.name}: the expected {what} of {value:.4g} {unit} exceeds the limit of {limit:.4g}.{cure}"
                 )
     return sentences
 
 
-def _warnings(plan: Plan, found: Feasibility, stiffness: float) -> list[str]:
-    """Warnings, one sentence each."""
+def _warnings(plan: HybridTestPlan, figures: Feasibility, stiffness: float) -> list[str]:
+    """Messages that warn about a test."""
     sentences = []
-    if found.spurious_damping < -1e-6:
+    if figures.spurious_damping < -1e-6:
         sentences.append(
-            f"A specimen that softens gets a spurious damping of down to {100.0 * found.spurious_damping:.2g} % from this coupling."
+            f"If the specimen softens, this coupling changes damping ratios by up to {100.0 * figures.spurious_damping:.2g} %."
         )
     if stiffness > 1.0 + TANGENT_ERROR:
         sentences.append(
-            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps "
-            "may be unstable."
+            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent stiffness; "
+            "otherwise steps may be unstable."
         )
-    if plan.compensation is None and plan.motion.continuous and found.delay > 0.5 * found.critical_delay:
-        share = found.delay / found.critical_delay
-        sentences.append(f"The delay is {100.0 * share:.0f} % of the critical one, and nothing compensates it.")
+    if plan.compensation is None and plan.motion.continuous and figures.delay > 0.5 * figures.critical_delay:
+        share = figures.delay / figures.critical_delay
+        sentences.append(f"The delay is {100.0 * share:.0f} % of the critical delay, and it is not compensated.")
     return sentences

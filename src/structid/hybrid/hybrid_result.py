@@ -1,4 +1,4 @@
-"""The result of a hybrid test: histories on both clocks, the specimen's moves, events, tracking."""
+"""Result of a hybrid test: histories at coarse and fine steps, moves of the specimen, events, tracking."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MoveHistory:
-    """Every motion of the specimen, in order; arrays (move, channel), the first one at rest before the test."""
+    """All moves of the specimen, in order; arrays (move, channel). The first move is at rest, before the test."""
 
-    time: Float[np.ndarray, " move"]  # simulated time at its end [s]
+    time: Float[np.ndarray, " move"]  # simulated time at the end of the move [s]
     target: np.ndarray  # target displacement [m]
     command: np.ndarray  # commanded displacement [m]
     measured: np.ndarray  # measured displacement [m]
@@ -57,37 +57,37 @@ class MoveHistory:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """Tracking of one channel."""
+    """Tracking indicators of one channel."""
 
     error: float  # RMS (u_m − u_c)/RMS u_c
-    index: FrequencyEvaluationIndex | None  # amplitude and delay; None where nothing was to move
-    # Area in the synchronisation subspace [m²], growing while it lags
+    index: FrequencyEvaluationIndex | None  # amplitude and delay; None if no movement was commanded
+    # Area in the synchronisation subspace [m²]; it grows while the channel lags
     indicator: Float[np.ndarray, " move"] = field(repr=False)
-    energy: Float[np.ndarray, " move"] = field(repr=False)  # energy error [J]; positive where it feeds the structure
+    energy: Float[np.ndarray, " move"] = field(repr=False)  # energy error [J]; positive if it feeds the structure
 
 
 @dataclass(frozen=True, eq=False)
 class HybridResult(ShownAsText):
-    """A hybrid test that has ended.
+    """Result of a finished or interrupted hybrid test.
 
     Parameters
     ----------
     histories : PartitionedHistories or None
-        Of both parts, as far as finished steps go; None where it ended before it began.
+        Histories of both parts for the finished steps; None if the test ended before its start.
     moves : MoveHistory
-        Of the specimen.
+        Moves of the specimen.
     events : tuple of Event
-        What ended it, and what else happened.
+        Events of the test; if it ended early, the last event is the reason.
     feasibility : Feasibility
-        What was known beforehand.
+        Result of the check before the test.
     description : SpecimenDescription
-        Of the specimen.
+        Description of the specimen.
     record : GroundMotion
-        That shook it.
+        Ground acceleration of the test.
     stiffness_ratio : float
-        Largest secant that was seen, over K₀; NaN where nothing moved.
+        Largest measured secant stiffness, relative to K₀; NaN if nothing moved.
     online : FilteredPath or None
-        What a filter believed of the specimen while the test ran.
+        Estimates of the online filter during the test; None without a filter.
 
     Examples
     --------
@@ -112,19 +112,19 @@ class HybridResult(ShownAsText):
 
     @property
     def finished(self) -> bool:
-        """Whether it reached the end of the record."""
+        """True if the test reached the end of the record."""
         return self.steps == self.feasibility.steps
 
     @property
     def coarse(self) -> CoarseHistory:
-        """Histories at coarse steps."""
+        """Histories at the coarse steps."""
         if self.histories is None:
-            raise InputError("HybridResult", "a test without a finished step", "a test that has begun")
+            raise InputError("HybridResult", "the test ended before its start", "a test with histories")
         return self.histories.coarse
 
     @cached_property
     def tracking(self) -> dict[str, Tracking]:
-        """Tracking of each channel, by name."""
+        """Tracking indicators of each channel, by name."""
         tracking = {}
         for k, channel in enumerate(self.description.channels):
             target, measured = self.moves.target[:, k], self.moves.measured[:, k]
@@ -140,7 +140,7 @@ class HybridResult(ShownAsText):
 
     @property
     def datum(self) -> np.ndarray:
-        """Zero of the channels, relative to the position before the first test, shape (channel,)."""
+        """Zero position of the channels, relative to the position before the first test, shape (channel,)."""
         datum = self.description.datum
         return np.zeros(len(self.description.channels)) if datum is None else np.array(datum)
 
@@ -152,44 +152,44 @@ class HybridResult(ShownAsText):
         before: Sequence[HybridResult] = (),
         sd: float | Sequence[float] | np.ndarray | None = None,
     ) -> Observation:
-        """What the specimen was seen to do: forces against its measured displacements, not the commanded ones.
+        """Observation of the specimen: forces at its measured displacements, not at the commanded displacements.
 
-        A specimen remembers the tests before. Given here, they come first: displacements count from the first zero, and go
-        straight from the end of a test to the zero of the next one, where the specimen was without force.
+        The response of a specimen depends on its earlier tests. If they are given, their moves come first. Displacements are
+        relative to the first zero. After a test, the path goes straight to the zero of the next test, where the force was zero.
 
         Parameters
         ----------
         channels : sequence of str, optional
-            Names of the forces, one a channel. When left out: ``"restoring_force"`` for one channel, ``"restoring_force_1"``, … for
-            several, with ``"moment_3"`` where the third one turns.
+            Names of the forces, one per channel. Default: ``"restoring_force"`` for one channel, ``"restoring_force_1"``, … for
+            several channels; ``"moment_3"`` if the third channel is a rotation.
         before : sequence of HybridResult
-            Tests on the same specimen, in their order.
+            Earlier tests on the same specimen, in order of time.
         sd : float or sequence of float, optional
-            Known standard deviation of the forces [N, N·m], one for all channels or one for each.
+            Known standard deviation of the forces [N, N·m]: one value for all channels, or one value per channel.
 
         Returns
         -------
         Observation
-            Of a `DisplacementHistory`, or several in a `CombinedExcitation`; every move is a sample.
+            Response to a `DisplacementHistory`, or to several in a `CombinedExcitation`; every move is a sample.
 
         Raises
         ------
         InputError
-            If a test has no moves, or is of another specimen; or if `sd` has not one number for each channel.
+            If a test has no moves or belongs to another specimen, or if `sd` has a wrong number of values.
         """
         tests = (*before, self)
         for test in tests:
             if len(test.moves) < 2 or test.description.channels[0].name != self.description.channels[0].name:
-                came = f"a test of '{test.description.name}' with {len(test.moves)} moves"
-                raise InputError("HybridResult.observation", came, "tests on one specimen that has moved")
-        way = np.concatenate([test.datum + test.moves.measured for test in tests])
+                came = f"a test on '{test.description.name}' with {len(test.moves)} moves"
+                raise InputError("HybridResult.observation", came, "tests with moves, all on the same specimen")
+        displacements = np.concatenate([test.datum + test.moves.measured for test in tests])
         forces = np.concatenate([test.moves.force for test in tests])
         step = float(self.moves.time[1])
         name = self.record.name if len(tests) == 1 else f"{len(tests)} tests up to {self.record.name}"
         units = [channel.unit for channel in self.description.channels]
         imposed = [
             (RotationHistory if unit == "rad" else DisplacementHistory)(column, step, f"moves of {name}")
-            for unit, column in zip(units, way.T, strict=True)
+            for unit, column in zip(units, displacements.T, strict=True)
         ]
         excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed, f"moves of {name}")
         names = tuple(channels) or force_channels(units)
@@ -197,19 +197,19 @@ class HybridResult(ShownAsText):
         return Observation(excitation, forces, names, name=name, sd=sds)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw how an actuator followed, and the loop that it moved.
+        """Plot the tracking of an actuator, and the hysteresis loop of its channel.
 
         Parameters
         ----------
         channel : str, optional
-            Of the specimen; the first one when left out.
+            Name of the channel; default: the first channel.
         save : path-like, optional
             File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         Figure
-            The loop, the synchronisation subspace, and what grew of it.
+            Figure with the loop, the synchronisation subspace, and the tracking and energy errors over time.
         """
         from structid.figures import hybrid as figure
 
@@ -233,6 +233,6 @@ def _for_each(sd: float | Sequence[float] | np.ndarray, channels: Sequence[str])
     """A standard deviation for each channel."""
     sds = np.atleast_1d(np.asarray(sd, dtype=np.float64))
     if sds.shape not in ((1,), (len(channels),)) or not (np.isfinite(sds) & (sds > 0.0)).all():
-        allowed = f"one positive number, or one for each of {', '.join(channels)}"
+        allowed = f"one positive number for all forces, or one for each of {', '.join(channels)}"
         raise InputError("HybridResult.observation: sd", f"{sd!r}", allowed)
     return np.asarray(np.broadcast_to(sds, (len(channels),)))

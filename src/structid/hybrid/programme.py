@@ -1,4 +1,4 @@
-"""A programme of hybrid tests on one specimen, which keeps its damage."""
+"""A programme of hybrid tests on one specimen, which keeps its damage from test to test."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from structid.hybrid.recording.result_file import open_hybrid
 from structid.observation import Observation
 
 Watching = Callable[[str, HybridTest], None]
-"""Called with the name of a test and the test, before it begins."""
+"""Callback that receives the name of a test and the test before it starts."""
 
 PREFIX, SUFFIX = "test_", ".h5"
-"""Prefix and suffix of a store's name."""
+"""Prefix and suffix of the file name of a store."""
 
 
 def store_of(folder: Path, name: str) -> Path:
@@ -39,16 +39,16 @@ def tests_in(folder: Path, ending: str = "") -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class ProgrammeResult(ShownAsText):
-    """What a programme of hybrid tests leaves.
+    """Result of a programme of hybrid tests.
 
     Parameters
     ----------
     tests : dict of str to HybridResult
-        Those that were begun, in their order.
+        Results of the tests that were started, in order.
     planned : tuple of str
-        Names of all tests.
+        Names of all planned tests.
     not_released : str
-        Why the specimen could not be moved again after the last of these tests; empty where it could.
+        Reason why the specimen could not be released after the last of these tests; empty if there is none.
 
     Examples
     --------
@@ -63,12 +63,12 @@ class ProgrammeResult(ShownAsText):
 
     @property
     def finished(self) -> bool:
-        """Whether all tests were completed."""
+        """True if all tests were completed."""
         return len(self.tests) == len(self.planned) and all(test.finished for test in self.tests.values())
 
     @property
     def ended_by(self) -> str:
-        """What ended it early, with the test; empty for a completed one."""
+        """Reason of an early end, with the name of the test; empty for a completed programme."""
         for name, test in self.tests.items():
             if not test.finished:
                 event = test.events[-1] if test.events else None
@@ -79,45 +79,45 @@ class ProgrammeResult(ShownAsText):
     def observation(
         self, name: str, channels: tuple[str, ...] = (), sd: float | Sequence[float] | np.ndarray | None = None
     ) -> Observation:
-        """What a test and all those before it have shown of the specimen; see `HybridResult.observation`.
+        """Observation of the specimen from a test and all earlier tests; see `HybridResult.observation`.
 
         Parameters
         ----------
         name : str
-            The last test that is looked at.
+            Name of the last test.
         channels : tuple of str
             Names of the forces.
         sd : float or sequence of float, optional
-            Known standard deviation of the forces [N, N·m], one for all channels or one for each.
+            Known standard deviation of the forces [N, N·m]: one value for all channels, or one value per channel.
 
         Returns
         -------
         Observation
-            Forces against measured displacements.
+            Forces at the measured displacements.
         """
         before = self._before(name)
         return self.tests[name].observation(channels, before=before, sd=sd)
 
     @check_arguments
     def way_to(self, name: str) -> np.ndarray:
-        """Where the specimen was moved to before a test, as it was measured; for `VirtualHybridTest.way`.
+        """Measured displacements of the specimen in all earlier tests; input for `VirtualHybridTest.way`.
 
         Parameters
         ----------
         name : str
-            The test.
+            Name of the test.
 
         Returns
         -------
         ndarray, shape (place, channel)
-            From the first zero; the last place is the zero of the test.
+            Displacements relative to the first zero; the last row is the zero of the test.
         """
         places = [test.datum + test.moves.measured for test in self._before(name)]
         return np.concatenate([*places, self.tests[name].datum[None]])
 
     def _before(self, name: str) -> list[HybridResult]:
         if name not in self.tests:
-            raise InputError("ProgrammeResult", f"'{name}'", ", ".join(self.tests) or "no test was begun")
+            raise InputError("ProgrammeResult", f"no test '{name}'", ", ".join(self.tests) or "a started test")
         return [self.tests[other] for other in list(self.tests)[: list(self.tests).index(name)]]
 
     def __str__(self) -> str:
@@ -130,12 +130,12 @@ class ProgrammeResult(ShownAsText):
 class Programme:
     """A programme of hybrid tests.
 
-    Between two of them the operator unloads the specimen and calls its place zero; a simulated one does so by itself.
+    Between two tests, the operator unloads the specimen and resets its zero; a simulated specimen does both by itself.
 
     Parameters
     ----------
     tests : mapping of str to HybridTest
-        By their names, in their order. All have the specimen of the first.
+        Tests by name, in order. All tests use the specimen of the first test.
 
     Examples
     --------
@@ -153,10 +153,10 @@ class Programme:
 
     def __post_init__(self) -> None:
         if not self.tests:
-            raise InputError("Programme.tests", "none", "one test or more, by their names")
+            raise InputError("Programme.tests", "no test", "one or more tests, by name")
         for name in self.tests:
             if not name.replace("_", "").replace("-", "").isalnum():
-                raise InputError("Programme.tests", f"the name '{name}'", "letters, digits, - and _")
+                raise InputError("Programme.tests", f"the name '{name}'", "a name of letters, digits, - and _")
 
     def check(self) -> dict[str, Feasibility]:
         """Check every test on the undamaged specimen; nothing moves.
@@ -164,44 +164,44 @@ class Programme:
         Returns
         -------
         dict of str to Feasibility
-            See `HybridTest.check`.
+            Feasibility of each test, by name; see `HybridTest.check`.
         """
         return {name: test.check() for name, test in self.tests.items()}
 
     def run(
         self, folder: str | os.PathLike[str] | None = None, *, resume: bool = False, watching: Watching | None = None
     ) -> ProgrammeResult:
-        """Run the tests until one does not come to its end.
+        """Run the tests in order; a test that ends early ends the programme.
 
         Parameters
         ----------
         folder : path-like, optional
-            For a store of every test.
+            Folder for the stores of the tests.
         resume : bool
-            Whether to go on with what is there. A simulated specimen is moved through all of it again, and must do what it did. Of
-            a structure finished tests stay as they are, and the next one begins: its operator has released the specimen since.
+            Whether to continue the programme in the folder. A simulated specimen repeats all stored tests, with equal results. On
+            a structure, stored tests are kept and the next test starts; the operator must have released the specimen.
         watching : callable, optional
-            Called before every test with its name and the test.
+            Called with the name of a test and the test before it starts.
 
         Returns
         -------
         ProgrammeResult
-            As far as it went.
+            Results of all tests that were started.
 
         Raises
         ------
         InputError
-            If a test cannot work, before anything moves; if the folder holds a programme already; if a test on a structure is to
-            be resumed in its middle.
+            If a test is infeasible; nothing has moved then. If the folder already contains a programme, or if an unfinished test
+            on a structure is to be resumed.
         """
         for name, result in self.check().items():
             if not result.can_work:
-                raise InputError(f"test {name}", " ".join(result.refusals).removesuffix("."), "a test that can work")
+                raise InputError(f"test {name}", " ".join(result.refusals).removesuffix("."), "a feasible test")
         stores = {name: None if folder is None else store_of(Path(folder), name) for name in self.tests}
         if not resume:
             for store in stores.values():
                 if store is not None and store.exists():
-                    raise InputError(f"{folder}", f"{store.name} is there already", "a new folder, or resume=True")
+                    raise InputError(f"{folder}", f"{store.name} already exists", "a new folder, or resume=True")
         specimen, has_moved = next(iter(self.tests.values())).specimen, False
         results: dict[str, HybridResult] = {}
         for name, planned in self.tests.items():
@@ -224,28 +224,28 @@ class Programme:
 
 
 def _stored(store: Path | None) -> HybridResult | None:
-    """The stored result of a test; None where there is none."""
+    """Stored result of a test; None if there is no store."""
     return open_hybrid(store) if store is not None and store.exists() else None
 
 
-def _finished(known: HybridResult, store: Path | None) -> HybridResult:
-    """Return a completed test on a structure unchanged; its operator has released the specimen since."""
-    if not known.finished:
+def _finished(stored: HybridResult, store: Path | None) -> HybridResult:
+    """Return the stored result of a test on a structure unchanged; refuse an unfinished test."""
+    if not stored.finished:
         raise InputError(
             f"{store}",
-            "a test on a structure that did not come to its end",
-            "one that did",
-            f"{NEVER_RESUMED} Make a new programme of the tests that are left.",
+            "an unfinished test on a structure",
+            "a finished test",
+            f"{NEVER_RESUMED} Start a new programme with the remaining tests.",
         )
-    return known
+    return stored
 
 
-def _run(test: HybridTest, store: Path | None, resume: bool, known: HybridResult | None) -> HybridResult:
-    """Run a test, or repeat what is stored of it."""
-    if known is None:
+def _run(test: HybridTest, store: Path | None, resume: bool, stored: HybridResult | None) -> HybridResult:
+    """Run a test, or repeat a stored test and compare the results."""
+    if stored is None:
         return test.run(store, resume=resume)
     again = test.run()
-    same = again.steps == known.steps and np.array_equal(again.moves.measured, known.moves.measured)
+    same = again.steps == stored.steps and np.array_equal(again.moves.measured, stored.moves.measured)
     if not same:
-        raise InputError(f"{store}", "it comes out otherwise than before", "the same test and specimen, from the start")
-    return known
+        raise InputError(f"{store}", "the repeated test differs", "the same test, with a specimen in its initial state")
+    return stored

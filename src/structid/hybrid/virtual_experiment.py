@@ -1,4 +1,4 @@
-"""A hybrid test whose specimen is also a model: a model of the whole, for campaigns, surrogates and posteriors."""
+"""A hybrid test with a modelled specimen: a model of the whole structure for campaigns, surrogates and posteriors."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ from structid.probability.space import ParameterSpace
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class VirtualHybridTest(TraceableModel):
-    """Two coupled parts, the physical one with the force of a model whose parameters may be free.
+    """Model of two coupled parts: a model with free parameters gives the force of the physical part.
 
-    It integrates as the test does: the same parts, steps, splitting and coupling. Actuators are left out; what they add is in
-    `HybridTest.check`.
+    It integrates like the test, with the same parts, steps, splitting and coupling. It has no actuators; `HybridTest.check`
+    computes their effect.
 
     Parameters
     ----------
     numerical, physical : Substructure
-        The parts. Mass, damping and K₀ of the physical one stay as they are.
+        The parts. Mass, damping and K₀ of the physical part are fixed.
     specimen : TraceableModel
-        On which displacements can be imposed, such as `BoucWen`. Its free parameters are those of the whole.
+        Model that accepts imposed displacements, such as `BoucWen`. Its free parameters are the only free parameters.
     dt : float
-        Coarse step Δt [s]; a sample of the record must be a whole number of them.
+        Coarse step Δt [s]; the time step of the record must be a whole number of coarse steps.
     coupling : Coupling, optional
-        `PrakashHjelmstad` without substeps when left out.
+        Default: `PrakashHjelmstad` without substeps.
     pieces : int
-        In which every move of the specimen is done: Runge-Kutta steps of a law of springs.
+        Number of pieces of each move of the specimen: Runge-Kutta steps, if it consists of hysteretic springs.
     way : array-like, shape (place, dof), optional
-        Where the specimen was moved to in the tests before, the last place being its zero since then [m]; see
+        Displacements of the specimen in earlier tests [m], with its present zero in the last row; see
         `ProgrammeResult.way_to`.
     channels : sequence of str
-        ``"displacement_1"``, … of the degrees of freedom of the physical part, then of those of the numerical part that are not at
-        the interface; ``"restoring_force_1"``, … of the physical part.
+        ``"displacement_1"``, …: degrees of freedom of the physical part, then degrees of freedom of the numerical part outside
+        the interface; ``"restoring_force_1"``, …: forces of the physical part.
 
     Examples
     --------
@@ -59,12 +59,12 @@ class VirtualHybridTest(TraceableModel):
     >>> upper, lower = si.cut_frame(two_floor_frame(), 1)
     >>> storey = si.BoucWen(mass=12e3, free=("stiffness",), **LAW)
     >>> test = si.VirtualHybridTest(upper, lower, storey, dt=0.01)
-    >>> found = test.simulate(np.array([[7.0e6], [7.6e6]]), si.GroundMotion.synthetic(seed=1).trim(2.0, 4.0))
-    >>> found.values.shape
+    >>> histories = test.simulate(np.array([[7.0e6], [7.6e6]]), si.GroundMotion.synthetic(seed=1).trim(2.0, 4.0))
+    >>> histories.values.shape
     (2, 201, 1)
     """
 
-    hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"
+    hint_where_not_finite: ClassVar[str] = "; if a move is too long for the hysteretic law, use more pieces"
 
     numerical: Substructure
     physical: Substructure
@@ -82,14 +82,14 @@ class VirtualHybridTest(TraceableModel):
             raise InputError(
                 "VirtualHybridTest.specimen",
                 f"a {model.kind_in_words}",
-                "a model on which displacements can be imposed",
+                "a model that accepts imposed displacements",
             )
         object.__setattr__(
             self, "channels", check_channels("VirtualHybridTest.channels", self.channels, self._known_channels)
         )
         self._joined(np.ones((1, len(model.free))))
 
-    # --- what it is made of -------------------------------------------------------------------------------------
+    # --- parts and channels -------------------------------------------------------------------------------------
 
     @property
     def free(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -103,7 +103,7 @@ class VirtualHybridTest(TraceableModel):
 
     @property
     def _inner(self) -> list[int]:
-        """Degrees of freedom of the numerical part away from the interface."""
+        """Degrees of freedom of the numerical part outside the interface."""
         return [int(k) for k in np.flatnonzero(~np.any(np.asarray(self.numerical.interface) != 0.0, axis=0))]
 
     @cached_property
@@ -115,9 +115,9 @@ class VirtualHybridTest(TraceableModel):
         )
 
     def _joined(self, theta: Any) -> Joined:
-        """Both parts, for as many runs as there are rows."""
+        """Coupled parts for a batch of runs, one run per row of `theta`."""
         force = self.specimen.static_force(theta)
-        assert force is not None  # __post_init__ has looked
+        assert force is not None  # checked in __post_init__
         way = np.zeros((1, force.dofs)) if self.way is None else self.way
         force = CarriedOver(InPieces(force, self.pieces), way)
         coupled = self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
@@ -130,7 +130,7 @@ class VirtualHybridTest(TraceableModel):
         return round(excitation.dt / self.dt) * self.coupling.substeps
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`."""
+        """Loop over the record; see `TraceableModel.time_loop`."""
         coupled, fine = self._joined(theta), self.coupling.substeps
         stages = excitation.stages.reshape(len(excitation.stages), -1, fine, 3)
 
@@ -138,7 +138,7 @@ class VirtualHybridTest(TraceableModel):
             return coupled.step(state, jnp.concatenate([row[:1, 0], row[:, 2]])).state, None
 
         def sample(state: CoupledState, rows: Any) -> tuple[CoupledState, Any]:
-            outputs = self._seen(state)
+            outputs = self._channel_values(state)
             if len(rows) == 1:
                 return step(state, rows[0])[0], outputs
             return lax.scan(step, state, rows)[0], outputs
@@ -146,21 +146,21 @@ class VirtualHybridTest(TraceableModel):
         start = coupled.start(stages[0, 0, 0, 0], jnp.zeros(theta.shape[0]))
         return TimeLoop(start, sample, stages, excitation.dropped_samples, _finite)
 
-    def _seen(self, state: CoupledState) -> Any:
-        """The channels, shape (channel, run)."""
+    def _channel_values(self, state: CoupledState) -> Any:
+        """Values of the channels, shape (channel, run)."""
         physical, numerical = state.physical, state.numerical
         inner = [numerical.displacement[k] for k in self._inner]
         rows = [*physical.displacement, *inner, *physical.force]
         return jnp.stack([rows[self._known_channels.index(channel)] for channel in self.channels])
 
-    # --- what others ask ----------------------------------------------------------------------------------------
+    # --- interface of a model -----------------------------------------------------------------------------------
 
     def recording(self, *channels: str) -> VirtualHybridTest:
         """Return this test with other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but a ground motion whose samples are a whole number of coarse steps."""
+        """Refuse every excitation except a record whose time step is a whole number of coarse steps."""
         check_one_signal("VirtualHybridTest", excitation)
         if excitation.kind != "ground_motion":
             raise InputError("VirtualHybridTest", f"a {excitation.kind}", "a GroundMotion")
@@ -168,18 +168,18 @@ class VirtualHybridTest(TraceableModel):
         if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
             raise InputError(
                 "VirtualHybridTest.dt",
-                f"{self.dt:g} s, and the record has a sample every {excitation.dt:g} s",
-                "a whole number of coarse steps in a sample",
+                f"{self.dt:g} s for a record with a time step of {excitation.dt:g} s",
+                "a whole number of coarse steps per time step of the record",
                 f"Resample the record: record.resample({self.dt:g}).",
             )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse what the specimen's model refuses; see `Model.check_priors`."""
+        """Refuse priors that the specimen's model refuses; see `Model.check_priors`."""
         self.specimen.check_priors(space)
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on."""
+        """Hash of all inputs of the response."""
         matrices = [
             np.asarray(getattr(part, name))
             for part in (self.numerical, self.physical)
@@ -205,7 +205,7 @@ class VirtualHybridTest(TraceableModel):
 
 
 def _finite(state: CoupledState) -> Any:
-    """Which runs have stayed finite."""
+    """True for each run with finite displacements."""
     return jnp.isfinite(state.physical.displacement).all(axis=0) & jnp.isfinite(state.numerical.displacement).all(
         axis=0
     )

@@ -1,1 +1,1 @@
-"""Inference: discrepancy, posterior, samplers, diagnostics, prediction."""
+"""Inference: error models, posterior, samplers, diagnostics, prediction."""

@@ -13,10 +13,10 @@ from structid.probability.ranks import ranks
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
-"""Minimum number of steps searched for walkers that end far below the others."""
+"""Minimum number of last steps in which walkers with a density far below the others' are searched."""
 IN_TURN, ERRORS_OF_CHANCE = 0.1, 6.0
-"""Autocorrelation at the lag of an ensemble's walkers that must be exceeded by this many standard errors. With less, τ is at
-most 1.2."""
+"""Autocorrelation, and standard errors added to it, above which draws come from alternating walkers. Below 0.1, τ is at most
+1.2."""
 FEWEST_MOVES = 50
 """The acceptance of a walker is assessed only if the median walker has at least this many accepted moves."""
 
@@ -24,9 +24,9 @@ FEWEST_MOVES = 50
 def autocorrelation_time(series: Float[np.ndarray, "series step"], window: float = 5.0) -> float:
     """Integrated autocorrelation time, τ = 1 + 2 Σ (1 − t/S) ρ(t) over S steps, with Sokal's window.
 
-    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged first,
-    since each alone is noisy. They are taken about the mean of all series. About its own mean, a series not much longer than τ
-    hides part of its correlation. The mean of E series has a variance V itself, by which each autocovariance comes out too small.
+    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged first, since
+    each alone is noisy. They refer to the mean of all series: about its own mean, a series not much longer than τ shows too little
+    correlation. The mean of E series itself has a variance V, and each autocovariance is too small by V.
     With V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S), the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
     """
     return _time_and_error(series, window)[0]
@@ -57,9 +57,9 @@ def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarr
 
 
 def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
-    """Number of walkers whose draws alternate in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
+    """Number of walkers whose draws alternate in an apparently single chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
 
-    Neighbouring draws are then independent, while draws of the same walker, that number apart, are not.
+    Neighbouring draws are then independent. Draws of the same walker, which lie this number apart, are correlated.
     """
     covariance = autocovariance(draws)
     correlation = np.mean(covariance / covariance[0], axis=1)
@@ -93,11 +93,11 @@ def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Integrated autocorrelation time of a quantity, which gives the error of its mean.
 
-    The relevant τ is that of the mean over each ensemble. A few ensembles determine it poorly: from 300 steps with τ = 60, to a
-    factor of four. The many walkers determine their own τ well, but not their dependence on one another. The result is therefore
-    the walkers' τ plus a fraction of the difference d by which the means' τ exceeds it. With the standard error s of the means'
-    τ, this fraction is (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains
-    shorter than some ten τ, only the walkers are used: see `longest_time`.
+    The relevant τ is the autocorrelation time of each ensemble's mean. A few ensembles determine it poorly: 300 steps with τ = 60
+    give it to a factor of four. The many walkers determine their own τ well, but not their dependence on one another. The result is
+    therefore the walkers' τ plus a fraction of the difference d by which the means' τ exceeds it. With the standard error s of the
+    means' τ, this fraction is (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For
+    chains shorter than some ten τ, only the walkers are used: see `longest_time`.
     """
     alone, together, error = _times_alone_and_together(draws)
     beyond = together - alone
@@ -105,18 +105,18 @@ def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 
 
 def longest_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """The longer of the walkers' autocorrelation time and that of their ensemble means, for the required chain length."""
+    """Autocorrelation time that sets the required chain length: the walkers' or their ensemble means', if longer."""
     alone, together, _ = _times_alone_and_together(draws)
     return float(np.fmax(alone, together))
 
 
 def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
-    """τ of the walkers, τ of the means over each ensemble, and the standard error of the latter."""
+    """τ of the walkers, τ of the ensemble means, and the standard error of the second."""
     return autocorrelation_time(draws.reshape(len(draws), -1).T), *_time_and_error(draws.mean(axis=2).T)
 
 
 def bulk_and_tail_size(draws: Float[np.ndarray, "step ensemble walker"]) -> tuple[float, float]:
-    """Effective sample sizes of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles."""
+    """Effective sample size of the rank-normalised draws, and the smaller effective sample size of the 5 and 95 % quantiles."""
     return effective_sample_size(normal_scores(draws)), _size_beyond(draws, 0.05)
 
 
@@ -126,14 +126,14 @@ def _size_beyond(draws: np.ndarray, share: float) -> float:
 
 
 def r_hat(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Rank-normalised split R-hat over ensembles, the walkers of each pooled.
+    """Rank-normalised split R-hat over ensembles; the walkers of an ensemble are pooled.
 
-    Walkers of one ensemble are not independent chains; ensembles are.
+    Walkers of one ensemble depend on each other; ensembles are independent chains.
     """
     steps, ensembles, walkers = draws.shape
     if ensembles < 2:
         return float("nan")
-    # Step by step, so that the split into halves is a split in time.
+    # The draws are ordered by step, so that the halves are halves in time.
     chains, half = draws.transpose(1, 0, 2).reshape(ensembles, steps * walkers), steps * walkers // 2
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
     return max(_r_hat_of_scores(halves), _r_hat_of_scores(np.abs(halves - np.median(halves))))
@@ -155,7 +155,7 @@ def normal_scores(draws: np.ndarray) -> np.ndarray:
 def stuck_walkers(
     accepted: Bool[np.ndarray, "step ensemble walker"], log_density: Float[np.ndarray, "step ensemble walker"]
 ) -> Bool[np.ndarray, "ensemble walker"]:
-    """Walkers that hardly move, or that end far below the others."""
+    """Walkers that hardly move, or whose last log density is far below the others'."""
     rate = accepted.mean(axis=0)
     # Where few moves are expected, a low count may be chance.
     telling = np.median(rate) * len(accepted) >= FEWEST_MOVES
@@ -170,16 +170,11 @@ def stuck_walkers(
 class ParameterDiagnostics:
     """Diagnostics of one parameter."""
 
-    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
-    r_hat: float
-    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
-    autocorrelation_time: float
-    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
-    bulk_size: float
-    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
-    tail_size: float
-    # R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles
-    far_tail_size: float
+    r_hat: float  # over ensembles
+    autocorrelation_time: float  # τ in steps; see `longest_time`
+    bulk_size: float  # effective sample size of the rank-normalised draws
+    tail_size: float  # effective sample size of the 5 and 95 % quantiles
+    far_tail_size: float  # effective sample size of the 1 and 99 % quantiles
 
 
 def parameter_diagnostics(draws: Float[np.ndarray, "step ensemble walker"]) -> ParameterDiagnostics:

@@ -31,33 +31,33 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 AUTO = "auto"
-"""In place of an error model: let the data choose it."""
+"""Value in place of an error model: the evidence selects the error model."""
 
 EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
-"""Sampler under each error model."""
+"""Sampler of the posterior under each error model."""
 
 ERRORS_APART = 2.0
-"""An error model is preferred to a simpler one if its log evidence is larger by more than this many combined errors."""
+"""An error model is preferred to a simpler one if its log evidence is larger by more than this many combined standard errors."""
 
 _log = logging.getLogger(__name__)
 
 
 def usual_error_models(model: Model) -> tuple[ErrorModel, ...]:
-    """List the error models worth trying, simplest first."""
+    """List the error models to try, the simplest first."""
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorModelChoice(ShownAsText):
-    """Error models, and what the data say of each.
+    """Error models compared by their evidence.
 
     Parameters
     ----------
     results : tuple of SamplingResult
         Draws under each error model, the simplest first.
     added_only : bool
-        Whether errors inside the model are passed over, because their hidden values could not be sampled reliably.
+        Whether errors inside the model are excluded, because their hidden values could not be sampled reliably.
     remark : str
         A further sentence on the choice.
     """
@@ -75,12 +75,12 @@ class ErrorModelChoice(ShownAsText):
 
     @property
     def evidences(self) -> tuple[Evidence, ...]:
-        """Log evidence of each [nat]."""
+        """Log evidence of each error model [nat]."""
         return tuple(_evidence(r) for r in self.results)
 
     @property
     def chosen(self) -> int:
-        """Index of the first error model with the largest evidence, within the errors of both."""
+        """Index of the simplest error model whose evidence equals the largest evidence within their errors."""
         allowed = {
             index: e
             for index, e in enumerate(self.evidences)
@@ -103,10 +103,10 @@ class ErrorModelChoice(ShownAsText):
 
     @property
     def sentence(self) -> str:
-        """The choice, and what it implies for the model."""
+        """Sentences on the choice and its consequences for the model."""
         if self.added_only:
             return (
-                f"{self.error_models[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, "
+                f"{self.error_models[self.chosen].capitalize()} errors are used. The evidence favours drifting parameters, "
                 "but their hidden values could not be sampled reliably: independent populations disagree."
             )
         choice = self.said
@@ -117,7 +117,7 @@ class ErrorModelChoice(ShownAsText):
 
     @property
     def said(self) -> str:
-        """The choice, with its margin."""
+        """Sentence on the choice and its margin."""
         return f"The data choose {self.error_models[self.chosen]}{self._margin}."
 
     @property
@@ -131,7 +131,7 @@ class ErrorModelChoice(ShownAsText):
         if ahead.value >= 0.0:
             nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
             return f", {nats} ± {ahead.error:.1f} nats ahead of {self.error_models[next_best]}"
-        return f", which is simpler than {self.error_models[next_best]} and within the errors of its evidence"
+        return f", which is simpler than {self.error_models[next_best]} and has the same evidence within the errors"
 
     def __str__(self) -> str:
         width = max(len(error_model) for error_model in self.error_models)
@@ -165,11 +165,11 @@ def choose_error_model(
     model : Model
         The model, or a surrogate of it: the posterior under each error model is sampled, with tens of thousands of runs.
     observations : Observation or sequence of Observation
-        What was measured.
+        The measurements.
     error_models : sequence of ErrorModel, optional
-        The error models to choose among, the simplest first; `usual_error_models` when left out.
+        The error models to choose among, the simplest first; by default `usual_error_models`.
     sampler : SMC
-        Particles under each error model.
+        Sampler of the posterior under each error model.
     seed : int
         Seed.
     map : callable, optional
@@ -177,7 +177,7 @@ def choose_error_model(
     progress : callable, optional
         Called with the percentage done and 100.
     store : path-like, optional
-        A folder for the draws under each error model, from which a killed choice goes on.
+        Folder for the draws under each error model; an interrupted choice continues from it.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def choose_error_model(
     Raises
     ------
     InputError
-        If there is nothing to choose among.
+        If no error model is given.
     ConvergenceError
         If no error model has an evidence.
 
@@ -210,12 +210,12 @@ def choose_among(
 ) -> ErrorModelChoice:
     """Choose the error model of a posterior; see `choose_error_model`."""
     if error_models is not None and not error_models:
-        raise InputError("choose_error_model(error_models)", "none", "one or more")
+        raise InputError("choose_error_model(error_models)", "no error model", "one or more")
     under = [
         posterior.on(error_model=error_model)
         for error_model in (usual_error_models(posterior.model) if error_models is None else error_models)
     ]
-    if error_models is None:  # a model that drifts outside the compiled lanes takes minutes
+    if error_models is None:  # without compiled vector code, a drifting model takes minutes
         under = [each for each in under if each.in_lanes or not each.error_model.inside]
     results, folder = [], None if store is None else Path(store)
     if folder is not None:
@@ -223,13 +223,13 @@ def choose_among(
     for index, of in enumerate(under):
         kept = None if folder is None else folder / f"law_{index + 1}.h5"
 
-        def told(done: int, total: int, index: int = index) -> None:
+        def report(done: int, total: int, index: int = index) -> None:
             if progress is not None:
                 progress(int(100 * (index + done / total) / len(under)), 100)
 
-        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=told))
+        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=report))
     if not any(np.isfinite(_evidence(r).value) for r in results):
-        raise ConvergenceError("No error model has an evidence: every simulation at draws of the prior fails.")
+        raise ConvergenceError("No error model has an evidence: all simulations of prior draws fail. Check the priors.")
     choice = ErrorModelChoice(tuple(results))
     _log.info("%s", choice.said)
     return choice
@@ -241,11 +241,11 @@ def _posterior(result: SamplingResult) -> Posterior:
 
 
 def _evidence(result: SamplingResult) -> Evidence:
-    assert result.log_evidence is not None, "SMC gives it"
+    assert result.log_evidence is not None, "SMC estimates the evidence"
     return result.log_evidence
 
 
 def _in_words(error_model: ErrorModel) -> str:
-    """Name of an error model, with the added errors where there are others inside the model."""
+    """Name of an error model, including its added errors if it also has errors inside the model."""
     word = str(error_model.describe()["kind"]).replace("_", " ")
     return f"{word} parameters + {_in_words(error_model.added)}" if error_model.inside else word

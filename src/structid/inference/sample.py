@@ -1,4 +1,4 @@
-"""Draw from a target with a sampler in blocks, each block on disk before the next."""
+"""Draw from a target in blocks; each block is on disk before the next begins."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ def sample(
     target : Target
         A `Posterior`, or any `LogDensity`.
     sampler : AIES, SMC, NUTS or DelayedAcceptance, optional
-        The sampler and its settings; AIES when left out.
+        The sampler and its settings; by default AIES.
     seed : int
-        Seed; the same one gives the same draws.
+        Seed; the same seed gives the same draws.
     store : path-like, optional
-        HDF5 file for the draws. A killed run continues from it, to the same bits. A finished run is read back, and extended if
-        more steps are asked for. A store of another target, sampler or seed is refused.
+        HDF5 file for the draws. An interrupted run continues from it, with identical results. A finished run is read back, and
+        extended if more steps are requested. A store of another target, sampler or seed is refused.
     start : array-like, shape (point, parameter), optional
-        For AIES, NUTS and delayed acceptance: points in SI, inside the support, from which the starting points are chosen. When
-        left out, they are drawn from the target's prior or from a tempered posterior. Scatter them more widely than the
-        posterior, or R-hat has nothing to find.
+        For AIES, NUTS and delayed acceptance: points in SI, inside the support, from which the starting points are chosen. By
+        default, they are drawn from the target's prior or from a tempered posterior. Scatter them more widely than the
+        posterior; otherwise R-hat cannot detect a lack of convergence.
     progress : callable, optional
         Called with the amount done and the total.
 
@@ -117,7 +117,7 @@ def sample(
 
 
 def check_memory(target: Target, sampler: Sampler) -> None:
-    """Refuse draws that do not fit into this machine's memory, before the first of them."""
+    """Refuse draws that exceed this machine's memory, before sampling begins."""
     numbers = sampler.steps * sampler.ensembles * sampler.walkers * (target.dimension + 2)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else np.inf
     if 8 * numbers > memory:
@@ -125,7 +125,7 @@ def check_memory(target: Target, sampler: Sampler) -> None:
             f"sample({type(sampler).__name__})",
             f"{sampler.steps} steps of {sampler.ensembles} x {sampler.walkers} walkers, whose draws take {8e-9 * numbers:,.0f} GB",
             f"draws that fit into the {1e-9 * memory:.0f} GB of this machine",
-            "A hundred walkers and some thousand steps are many.",
+            "Use fewer steps: a hundred walkers and a few thousand steps are usually enough.",
         )
 
 

@@ -42,12 +42,12 @@ STORED_DRAWS = 300
 
 @dataclass(frozen=True, eq=False)
 class SamplingResult(ShownAsText):
-    """Draws of a target and what can be said about them. ``print`` it for the verdict and the table of the parameters.
+    """Draws of a target with their diagnostics. ``print`` it for the verdict and the table of the parameters.
 
     Parameters
     ----------
     target : Target
-        What was sampled.
+        The sampled target.
     sampler : Sampler
         The sampler with its settings.
     seed : int
@@ -71,9 +71,9 @@ class SamplingResult(ShownAsText):
     divergent : int
         Trajectories that did not conserve energy, for NUTS.
     certified : bool or None
-        Whether runs of the model itself have shown that its surrogate gives the model's own posterior. None if not checked.
+        Whether model runs have shown that the surrogate gives the model's own posterior. None if not checked.
     beside : ndarray, shape (step, ensemble, walker, parameter), optional
-        Draws of an independent population in SI, with which those of a few chains are compared.
+        Draws of an independent population in SI, with which the draws of a few chains are compared.
 
     Examples
     --------
@@ -166,7 +166,7 @@ class SamplingResult(ShownAsText):
         Parameters
         ----------
         count : int
-            At most how many.
+            Largest number of draws.
 
         Returns
         -------
@@ -178,7 +178,7 @@ class SamplingResult(ShownAsText):
     def _evenly(self, count: int) -> np.ndarray:
         """Indices of draws spread evenly over all kept steps and walkers."""
         total = len(self.flat)
-        # A golden-ratio stride visits steps and walkers alike, where a plain one would pick the same walkers.
+        # A golden-ratio stride visits steps and walkers evenly; an integer stride may pick the same walkers.
         index = np.floor(((np.arange(min(count, total)) * 0.6180339887498949) % 1.0) * total).astype(int)
         return np.unique(index)
 
@@ -224,10 +224,10 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def robust(self) -> RobustSpread | None:
-        """Variation of the means over repeated measurements, valid even if model or error model are wrong; see `robust_spread`.
+        """Variation of the means over repeated measurements, valid even if model or error model is wrong; see `robust_spread`.
 
-        Equal to the posterior's standard deviations where the residuals are white, and never less. None for an unconverged run,
-        without a measurement, and for an external solver, since it takes a thousand runs.
+        It equals the posterior's standard deviations if the residuals are white, and is never smaller. None for an unconverged
+        run, without a measurement, and for an external solver, since it takes a thousand runs.
         """
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
@@ -235,7 +235,7 @@ class SamplingResult(ShownAsText):
         if not any(residual.correlated for residual in self.residuals):
             return RobustSpread(self.sd, np.zeros(len(self.names)))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            warnings.simplefilter("ignore", StructidWarning)  # the verdict reports draws outside a surrogate's range
             return robust_spread(posterior, self.thinned()).at_least(self.sd)
 
     @property
@@ -267,7 +267,7 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def _convergence(self) -> tuple[int, list[str]]:
-        """Number of stuck walkers, and what is missing for convergence."""
+        """Number of stuck walkers, and the criteria of convergence that are not met."""
         kept = slice(self.discarded, None)
         length, sampler, stuck = len(self.kept), self.sampler, 0
         if sampler.starts_elsewhere:
@@ -305,7 +305,7 @@ class SamplingResult(ShownAsText):
         return tuple(self._convergence[1])
 
     def verdict(self) -> Verdict:
-        """Say whether the run has converged, and what else the reader must know.
+        """Assess whether the run has converged, and list further warnings.
 
         Returns
         -------
@@ -318,7 +318,7 @@ class SamplingResult(ShownAsText):
         if self._measured is None:
             return UNMEASURED
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            warnings.simplefilter("ignore", StructidWarning)  # the verdict reports draws outside a surrogate's range
             return best_prediction(self._measured, self.map_estimate)
 
     def _against_priors(self) -> tuple[PriorWarning, ...]:
@@ -327,17 +327,17 @@ class SamplingResult(ShownAsText):
         return () if space is None else tuple(prior_warnings(space, self.flat))
 
     def _warnings(self, unexplained: float) -> list[str]:
-        """Further warnings about the draws; for an unconverged run only those about the sampling."""
+        """Further warnings about the draws; for an unconverged run only warnings about the sampling."""
         warnings = []
         if not self._convergence[1] and self._measured is not None:
             warnings += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
         if self.divergent:
             warnings.append(
-                f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
-                "follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
+                f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior curves more sharply than the steps "
+                "of NUTS can follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
             )
         if self.failed_simulations:
-            warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
+            warnings.append(f"{self.failed_simulations} simulations failed and were given zero probability")
         return warnings
 
     def _wrong_error_model(self) -> list[str]:
@@ -354,21 +354,21 @@ class SamplingResult(ShownAsText):
     def predict(
         self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> predictive.Prediction:
-        """Predict, on the measured record or another one; see `prediction.predict`.
+        """Predict the response to the measured record or another record; see `prediction.predict`.
 
         Parameters
         ----------
         record : Excitation, optional
-            Another record; the first measured one when left out.
+            Another record; by default the first measured record.
         channels : tuple of str, optional
-            What to predict; what was measured when left out.
+            Channels to predict; by default the measured channels.
         **settings
             ``draws``, ``seed``, ``progress``.
 
         Returns
         -------
         Prediction
-            Draws of the response with and without discrepancy, bands, peaks.
+            Draws of the response with and without errors, bands, peaks.
         """
         theta = self.thinned(settings.pop("draws", THINNED_DRAWS))
         return predictive.predict(self._posterior(), theta, record, channels, drift=self.drift, **settings)
@@ -389,15 +389,15 @@ class SamplingResult(ShownAsText):
 
     @check_arguments
     def to_datatree(self, predictions: bool = True, thinned: int | None = None) -> xarray.DataTree:
-        """Give everything in the ArviZ schema, for ArviZ 1; ArviZ before 1 reads what `to_netcdf` writes.
+        """Return all results in the ArviZ schema, for ArviZ 1; earlier versions of ArviZ read the file of `to_netcdf`.
 
         Parameters
         ----------
         predictions : bool
             Include the groups that need simulations of thinned draws.
         thinned : int, optional
-            How many draws every group has, the posterior included. When left out, all draws are in the posterior and 300 in the
-            groups of predictions. ArviZ's ``loo``, ``compare`` and ``loo_pit`` need the same draws in the posterior and in
+            Number of draws in every group, the posterior included. By default, the posterior has all draws and the groups of
+            predictions have 300. ArviZ's ``loo``, ``compare`` and ``loo_pit`` need the same draws in the posterior and in
             ``log_likelihood``.
 
         Returns
@@ -409,8 +409,8 @@ class SamplingResult(ShownAsText):
         import xarray
 
         if thinned is not None and thinned < 2:
-            raise InputError("to_datatree(thinned)", f"{thinned}", "2 draws or more, best some hundred")
-        # A walker is a chain. Particles are too many, and move for too few steps: those of an ensemble, one after the other.
+            raise InputError("to_datatree(thinned)", f"{thinned}", "2 draws or more, best a few hundred")
+        # Each walker is a chain. Particles are too many and move too few steps: the particles of an ensemble form one chain.
         ensembles, pooled = self.sampler.ensembles, not self.sampler.starts_elsewhere
         count = ensembles if pooled else ensembles * self.sampler.walkers
 
@@ -422,7 +422,7 @@ class SamplingResult(ShownAsText):
 
         groups = groups_of_draws(
             np.stack([by_chain(column) for column in np.moveaxis(self.history, -1, 0)], axis=-1),
-            # Thinned draws are one chain of draws that are as good as independent.
+            # Thinned draws form one chain of practically independent draws.
             np.repeat(np.arange(ensembles), count // ensembles) if places is None else np.zeros(1, dtype=int),
             {"lp": by_chain(self.log_density), "accepted": by_chain(self.accepted)},
             self.target.units,
@@ -449,7 +449,7 @@ class SamplingResult(ShownAsText):
 
     @check_arguments
     def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True, thinned: int | None = None) -> Path:
-        """Write `to_datatree` to a netCDF file, whole or not at all.
+        """Write `to_datatree` to a netCDF file, completely or not at all.
 
         Parameters
         ----------
@@ -458,7 +458,7 @@ class SamplingResult(ShownAsText):
         predictions : bool
             Include the groups that need simulations.
         thinned : int, optional
-            How many draws every group has, the posterior included; see `to_datatree`.
+            Number of draws in every group, the posterior included; see `to_datatree`.
 
         Returns
         -------

@@ -20,7 +20,7 @@ from structid.probability.space import ParameterSpace
 
 
 class Target(ABC):
-    """A log density in unconstrained coordinates φ, with the parameters θ a user knows."""
+    """A log density in unconstrained coordinates φ, with a map to the user's parameters θ."""
 
     names: tuple[str, ...]
     bijection: Bijection
@@ -53,7 +53,7 @@ class Target(ABC):
 
     @property
     def shown(self) -> list[int]:
-        """Indices of the other parameters, which tables and figures show."""
+        """Indices of the parameters that tables and figures show."""
         return [index for index, name in enumerate(self.names) if name not in self.hidden]
 
     @cached_property
@@ -68,7 +68,7 @@ class Target(ABC):
 
     @property
     def sd_units(self) -> dict[str, str]:
-        """Display unit of the standard deviation of each of these variances."""
+        """Display unit of the square root of each error variance."""
         return {}
 
     @property
@@ -77,10 +77,10 @@ class Target(ABC):
         return tuple(f"log {name}" if name in self.variances else name for name in self.names)
 
     def compared(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Give what explorers and certificates compare means and standard deviations of.
+        """Return the quantities whose means and standard deviations samplers and certificates compare.
 
-        These are the parameters, and of the variances of errors the logarithms. A variance is known up to a factor. The posterior
-        of one that is hardly known has a tail like σ⁻⁴: its standard deviation is that of a few draws, however many there are.
+        These are the parameters, with error variances replaced by their logarithms. The posterior of a poorly determined
+        variance has a tail like σ⁻⁴: however many draws there are, a few of them determine its standard deviation.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class Target(ABC):
         Returns
         -------
         ndarray, shape (..., parameter)
-            The same, or a copy.
+            `theta` itself, or a changed copy.
         """
         places = [index for index, name in enumerate(self.names) if name in self.variances]
         if not places:
@@ -116,7 +116,7 @@ class Target(ABC):
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log density with respect to φ (−inf where it cannot be computed), and where a simulation failed.
+            Log density with respect to φ (−inf where it cannot be computed), and a mask of the failed simulations.
         """
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -130,16 +130,16 @@ class Target(ABC):
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log prior with respect to φ; log-likelihood, −inf where it cannot be computed; and where a simulation failed.
+            Log prior with respect to φ; log-likelihood, −inf where it cannot be computed; and a mask of the failed simulations.
 
         Raises
         ------
         InputError
-            If the target does not know its prior.
+            If the target has no separate prior.
         """
         raise InputError(
             "SMC",
-            f"a {type(self).__name__} that does not know its prior",
+            f"a {type(self).__name__} without a separate prior",
             "a Posterior, or LogDensity(initial=ParameterSpace(…))",
         )
 
@@ -149,7 +149,7 @@ class Target(ABC):
         return False
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
-        """Give the density as a JAX function, for samplers that differentiate it.
+        """Return the density as a JAX function, for samplers that differentiate it.
 
         Returns
         -------
@@ -165,7 +165,7 @@ class Target(ABC):
             "NUTS",
             f"a {type(self).__name__} without derivatives",
             "a posterior on a built-in model or a surrogate, or LogDensity(backend='jax')",
-            "Use SMC or AIES, which need none.",
+            "Use SMC or AIES, which need no derivatives.",
         )
 
     @abstractmethod
@@ -190,7 +190,7 @@ class Target(ABC):
         Parameters
         ----------
         count : int
-            How many.
+            Number of points.
         rng : numpy.random.Generator
             Source of randomness.
 
@@ -210,7 +210,7 @@ def _checked_bounds(where: str, pair: Any) -> np.ndarray:
     """A lower and a larger upper bound; either may be infinite."""
     bounds = real_array(where, pair, "a lower and an upper bound")
     if bounds.shape != (2,) or not bounds[0] < bounds[1]:
-        raise InputError(where, f"{pair!r}", "a lower bound and a larger upper one, such as (0.0, np.inf)")
+        raise InputError(where, f"{pair!r}", "a lower bound and a larger upper bound, such as (0.0, np.inf)")
     return bounds
 
 
@@ -220,7 +220,7 @@ def _never_infinite(value: np.ndarray, theta: np.ndarray) -> np.ndarray:
         index = int(np.argmax(np.isposinf(value)))
         at = ", ".join(f"{x:g}" for x in theta[index])
         raise InputError(
-            "LogDensity.function", f"+inf at the point ({at})", "finite numbers, or -inf where there is no density"
+            "LogDensity.function", f"+inf at the point ({at})", "finite numbers, or -inf where the density is zero"
         )
     return value
 
@@ -241,7 +241,7 @@ class LogDensity(Target):
     bounds : mapping of str to pair of float, optional
         Support of the bounded parameters: ``{"tau": (0.0, np.inf)}``.
     backend : {"numpy", "jax"}
-        What `function` is written for. JAX arrays in it must be float64: begin with ``jax.config.update("jax_enable_x64", True)``.
+        Array library of `function`. JAX arrays in it must be float64: begin with ``jax.config.update("jax_enable_x64", True)``.
 
     Examples
     --------
@@ -282,7 +282,7 @@ class LogDensity(Target):
         return isinstance(self._initial, ParameterSpace)
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
-        """Give the density as a JAX function; see `Target.traceable`."""
+        """Return the density as a JAX function; see `Target.traceable`."""
         if self.backend != "jax":
             return super().traceable()
 
@@ -314,9 +314,7 @@ class LogDensity(Target):
     def _values(self, theta: np.ndarray) -> np.ndarray:
         """Values of the function, (run,)."""
         value = real_array("LogDensity.function", self._function(theta), "log densities")
-        if (
-            len(theta) == 1 and value.ndim == 0
-        ):  # SciPy's multivariate distributions leave the axis of a single point out
+        if len(theta) == 1 and value.ndim == 0:  # SciPy's multivariate distributions omit the axis of a single point
             value = value[None]
         value = value[:, 0] if value.shape == (len(theta), 1) else value
         if value.shape != (len(theta),):
@@ -337,7 +335,7 @@ class LogDensity(Target):
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood, if `initial` is a parameter space (then the prior); see `Target.evaluate_parts`."""
         if not isinstance(self._initial, ParameterSpace):
-            return super().evaluate_parts(phi)  # refuses
+            return super().evaluate_parts(phi)  # raises InputError
         density, failed = self.evaluate(phi)
         theta, jacobian = self.bijection(phi)
         space = self._initial

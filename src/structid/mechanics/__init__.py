@@ -1,1 +1,1 @@
-"""Mechanics: constitutive laws of springs and joints, restoring forces, time integration."""
+"""Mechanics: constitutive laws of springs and joints, restoring forces, and time integration."""

@@ -1,4 +1,4 @@
-"""Restoring forces that wrap another one: with a displacement history before the first step, or with moves divided into pieces."""
+"""Wrappers of a restoring force: one starts after a displacement history, one divides every move into pieces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.mechanics.restoring_forces import RestoringForce
 
 @dataclass(frozen=True, eq=False)
 class AroundAnother(RestoringForce):
-    """A restoring force that wraps another one with the same displacements."""
+    """A restoring force that wraps another restoring force with the same displacements."""
 
     force: RestoringForce  # the wrapped force
 
@@ -33,21 +33,21 @@ class AroundAnother(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """As for the wrapped force; see `RestoringForce.largest_move`."""
+        """Largest move of the wrapped force; see `RestoringForce.largest_move`."""
         return self.force.largest_move
 
 
 @dataclass(frozen=True, eq=False)
 class CarriedOver(AroundAnother):
-    """Restoring force after a displacement path, with displacements and forces measured from its end."""
+    """Restoring force after a displacement path; displacements and forces are measured from the end of the path."""
 
-    # Where it was moved to, one after the other; its last place is the new zero [m]
+    # Successive positions of the path; the last position is the new zero [m]
     way: np.ndarray = field(repr=False)
 
     def __post_init__(self) -> None:
         way = np.asarray(self.way, dtype=np.float64)
         if way.ndim != 2 or not len(way) or not np.isfinite(way).all():
-            raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "(place, dof), finite, one or more")
+            raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "finite displacements (place, dof)")
         object.__setattr__(self, "way", way)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
@@ -68,7 +68,7 @@ class CarriedOver(AroundAnother):
 
     @staticmethod
     def _of(displacement_before: Any, displacement: Any) -> Any:
-        """A displacement from the first zero, in the shape of the argument."""
+        """Return a displacement measured from the original zero, in the shape of the argument."""
         return displacement + (
             displacement_before if displacement.ndim == 1 else jax.numpy.asarray(displacement_before)[:, None]
         )
@@ -76,20 +76,20 @@ class CarriedOver(AroundAnother):
 
 @dataclass(frozen=True, eq=False)
 class InPieces(AroundAnother):
-    """A structure whose every move is divided into a number of equal pieces.
+    """A structure in which every move is divided into equal pieces.
 
-    A law that takes one Runge-Kutta step per move follows long moves more accurately this way.
+    This makes long moves more accurate for a constitutive law that takes one Runge-Kutta step per move.
     """
 
     pieces: int  # pieces per move
 
     @property
     def largest_move(self) -> float:
-        """`pieces` times that of the wrapped force; see `RestoringForce.largest_move`."""
+        """`pieces` times the largest move of the wrapped force; see `RestoringForce.largest_move`."""
         return self.pieces * self.force.largest_move
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """As for the wrapped force; see `RestoringForce.force_at_rest`."""
+        """Force of the wrapped force before the first move; see `RestoringForce.force_at_rest`."""
         return self.force.force_at_rest(displacement)
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:

@@ -1,7 +1,7 @@
 """Cohesive laws of a mortar joint: tractions and exact tangents for a normal and a tangential displacement jump.
 
 Sources: J. P. McGarry, É. Ó Máirtín, G. Parry & G. E. Beltz (2014, J. Mech. Phys. Solids 63, 336) for NP1, NP2 and SMC; X.-P. Xu &
-A. Needleman (1993, Modelling Simul. Mater. Sci. Eng. 1, 111) for the potential from which they come. Numbers in brackets, such as
+A. Needleman (1993, Modelling Simul. Mater. Sci. Eng. 1, 111) for the underlying potential. Numbers in brackets, such as
 [5.1], are equations of the MSc thesis in docs/bibliography.md.
 """
 
@@ -17,19 +17,19 @@ from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 
 ROUNDING = 1e-10
-"""Tolerance of κ and of the friction limit: a joint at rest must neither damage nor slide because of its last digit."""
+"""Relative tolerance of κ and of the friction limit, so that rounding causes no damage or sliding in a joint at rest."""
 COUPLING = math.sqrt(2.0) - 1.0
-"""a = b of NP2, for which both components are equal at 45° [5.1]."""
+"""Coefficients a = b of NP2, for which both traction components are equal at 45° [5.1]."""
 
 
 class CohesiveLaw(NamedTuple):
-    """Initial stiffnesses and characteristic lengths; each a float or an array over runs."""
+    """Initial stiffnesses and characteristic lengths; each is a float or an array over runs."""
 
     normal_stiffness: Any  # k_n = σ_max e / δ_n [Pa/m]
     tangential_stiffness: Any  # k_t = τ_max e / δ_t [Pa/m]
     normal_length: Any  # δ_n [m]
     tangential_length: Any  # δ_t [m]
-    friction: Any = 0.0  # μ, for a law with friction
+    friction: Any = 0.0  # μ, for a joint law with friction
 
 
 class JointResponse(NamedTuple):
@@ -51,7 +51,7 @@ def cohesive_law(
     characteristic_length: str = "exponential",
     friction: Any = 0.0,
 ) -> CohesiveLaw:
-    """Compute the law from energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e)."""
+    """Compute the cohesive law from energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e)."""
     normal_length = normal_energy / (normal_strength * math.e)
     tangential_length = tangential_energy / (
         tangential_strength * (math.e if characteristic_length == "exponential" else math.sqrt(0.5 * math.e))
@@ -66,10 +66,10 @@ def cohesive_law(
 
 
 class JointLaw(ABC):
-    """Constitutive law of a joint: tractions for displacement jumps, and the memory of earlier ones."""
+    """Constitutive law of a joint: tractions from displacement jumps, with a memory of earlier jumps."""
 
     memories: ClassVar[int]  # number of memory variables of a joint
-    load_steps: ClassVar[int]  # steps of the static load, on which a joint with memory depends
+    load_steps: ClassVar[int]  # number of steps of the static load; it affects a joint with memory
 
     @abstractmethod
     def respond(self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any) -> JointResponse:
@@ -83,9 +83,9 @@ class JointLaw(ABC):
 
 
 class SmcNp2(JointLaw):
-    """SMC in separation, NP2 in over-closure [5.1]-[5.4]: no memory, so that an open joint heals when it closes.
+    """SMC in separation, NP2 in over-closure [5.1]-[5.4]. Without memory, an open joint heals when it closes.
 
-    With x = Δ_n/δ_n, y = |Δ_t|/δ_t and ρ = √(x² + y²), where k_n Δ_n = σ_max e x and k_t Δ_t = ± τ_max e y::
+    The tractions depend on x = Δ_n/δ_n, y = |Δ_t|/δ_t and ρ = √(x² + y²); k_n Δ_n = σ_max e x and k_t Δ_t = ± τ_max e y::
 
         Δ_n ≥ 0:  T_n = k_n Δ_n exp(−ρ)          T_t = k_t Δ_t exp(−ρ)
         Δ_n < 0:  T_n = k_n Δ_n exp(−x − a y)    T_t = k_t Δ_t exp(−y − b x)        a = b = √2 − 1
@@ -112,15 +112,15 @@ class SmcNp2(JointLaw):
 
 
 class DamageFriction(JointLaw):
-    """SMC with damage: unloading to the origin, undamaged contact, and friction where the joint is damaged and closed.
+    """SMC with damage: unloading to the origin, undamaged contact, and friction in the damaged, closed joint.
 
     κ is the largest ρ so far, where ρ = √(x² + y²) with x = ⟨Δ_n⟩/δ_n, and D = 1 − exp(−κ)::
 
     T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
         T_t = (1 − D) k_t Δ_t + D T_f,    T_f = k_t (Δ_t − Δ_p),    |T_f| ≤ μ ⟨−T_n⟩
 
-    While κ grows, the law is SMC in separation. The dissipation is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′ plus that of friction. The
-    memory holds κ and the slip Δ_p, from which friction is measured.
+    While κ grows in separation, the law equals SMC. The dissipation is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′ plus the frictional
+    dissipation. The memory contains κ and the slip Δ_p, from which the friction force is measured.
     """
 
     memories, load_steps = 2, 4
@@ -169,12 +169,12 @@ class DamageFriction(JointLaw):
 
 
 def _sticks(xp: Any, tried: Any, limit: Any) -> Any:
-    """Whether the joint sticks. A joint that has just slid is at its limit and sticks; without pressure no joint does."""
+    """Whether the joint sticks. After sliding a joint is at the friction limit and sticks; without pressure it never sticks."""
     return (limit > 0.0) & (xp.abs(tried) <= (1.0 + ROUNDING) * limit)
 
 
 def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """ρ = √(x² + y²), ∂ρ/∂x and ∂ρ/∂y; the derivatives are zero at the origin."""
+    """Return ρ = √(x² + y²), ∂ρ/∂x and ∂ρ/∂y; the derivatives are zero at the origin."""
     square = x * x + y * y
     away = square > 0.0
     rho = xp.sqrt(xp.where(away, square, 1.0))
@@ -182,4 +182,4 @@ def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
 
 
 JOINT_LAWS: dict[str, JointLaw] = {"smc-np2": SmcNp2(), "damage-friction": DamageFriction()}
-"""Joint laws by their name in a study file."""
+"""Joint laws and their names in a study file."""

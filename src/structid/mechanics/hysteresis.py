@@ -1,4 +1,4 @@
-"""The Bouc-Wen-Baber-Noori law of one spring: hysteresis, degradation by absorbed energy, pinching.
+"""The Bouc-Wen-Baber-Noori law of a spring: hysteresis, degradation with absorbed energy, pinching.
 
 Sources: Bouc (1967), Wen (1976, J. Eng. Mech. Div. 102, 249), Baber & Noori (1985, J. Eng. Mech. 111, 1010),
 Foliente (1995, J. Struct. Eng. 121, 1013) for the pinching function.
@@ -14,10 +14,10 @@ from structid.engine.array_module import namespace
 
 
 class Law(NamedTuple):
-    """Parameters of the law; each a float, known at compile time, or an array over runs.
+    """Parameters of the hysteretic law. Each is an array over runs, or a float that is fixed at compile time.
 
-    The exponent n is `exponent`, A₀ is `amplitude`; δ_A, δ_ν, δ_η are the degradation rates [kg/J]; ζ₀, p, q, ψ₀, δ_ψ, λ belong
-    to pinching.
+    The exponent n is `exponent`, and A₀ is `amplitude`. The degradation rates are δ_A, δ_ν, δ_η [kg/J]. The pinching parameters
+    are ζ₀, p, q, ψ₀, δ_ψ, λ.
     """
 
     alpha: Any
@@ -37,17 +37,17 @@ class Law(NamedTuple):
 
 
 def known(value: Any, number: float) -> bool:
-    """Whether a parameter is fixed at a value, so that its term can be omitted."""
+    """Whether a parameter is fixed at a given value, so that its term can be omitted."""
     return isinstance(value, float) and value == number
 
 
 def degrades(law: Law) -> bool:
-    """Whether the law depends on the absorbed hysteretic energy."""
+    """Whether the hysteretic law depends on the absorbed hysteretic energy."""
     return not all(known(v, 0.0) for v in (law.delta_a, law.delta_nu, law.delta_eta, law.zeta0))
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """|z|ⁿ of a non-negative base, with finite derivatives at zero."""
+    """Power of a non-negative base, with finite derivatives at zero."""
     if isinstance(exponent, float) and exponent.is_integer():
         return base if exponent == 1.0 else base ** int(exponent)
     xp = namespace(base)
@@ -77,9 +77,9 @@ def _inverse(exponent: Any) -> Any:
 
 
 def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
-    """Bound of |∂z′/∂z|, the rate at which the hysteretic displacement forgets its past.
+    """Upper bound of |∂z′/∂z|, the decay rate of the memory of the hysteretic displacement.
 
-    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|,   which pinching and η only reduce
+    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|;   pinching and η only reduce the rate
     """
     xp = namespace(velocity)
     rate = (law.beta + xp.abs(law.gamma)) * xp.abs(velocity)
@@ -92,9 +92,9 @@ def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
 
 
 LONGEST_STEP = 1.5
-"""Longest step in units of 1/|∂z′/∂z|, the length on which a spring's hysteretic force changes, and in radians of the highest
-mode (ω h). In cyclic tests with such steps the error of the force is below 1 % of its peak (docs/theory/models.md). Runge-
-Kutta is unstable beyond 2.78 (Hairer & Wanner 1996, figure IV.2.1)."""
+"""Longest step in units of 1/|∂z′/∂z|, the characteristic length of a spring's hysteretic force, and of 1/ω of the highest mode.
+In cyclic tests with such steps the force error is below 1 % of the peak force (docs/theory/models.md). The Runge-Kutta method is
+unstable for longer steps than 2.78 (Hairer & Wanner 1996, figure IV.2.1)."""
 
 
 def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
@@ -104,7 +104,7 @@ def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
     A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                       [3.5]
     """
     xp = namespace(z)
-    # |z|^(n−1) z = sign(z) |z|ⁿ has a derivative at z = 0, where the history starts; the printed form has none.
+    # Unlike |z|^(n−1) z, the equal expression sign(z) |z|ⁿ can be differentiated at z = 0, where the history starts.
     if known(law.exponent, 1.0):
         shape = law.beta * xp.abs(velocity) * z + law.gamma * velocity * xp.abs(z)
     else:

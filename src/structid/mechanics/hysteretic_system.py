@@ -1,6 +1,6 @@
 """A second-order system of masses on hysteretic springs: its state, its rate of change, its channels.
 
-Equation numbers are those of the MSc thesis in docs/bibliography.md.
+Equation numbers refer to the MSc thesis in docs/bibliography.md.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from structid.mechanics.hysteresis import LONGEST_STEP, Law, degrades, hystereti
 from structid.mechanics.runge_kutta import Watch
 
 State = dict[str, Any]
-"""``u``, ``v``, ``z`` and, where needed, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
+"""``u``, ``v``, ``z`` and, if needed, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
 
 
 class HystereticSystem(ABC):
-    """u″ = a(u, u′, z, x) for masses, z′ = law(d′, z, e_h) for springs with deformation d, under a signal x.
+    """Masses with u″ = a(u, u′, z, x) and springs with z′ = law(d′, z, e_h), under a signal x; d is a spring's deformation.
 
-    Each spring belongs to a mass, and its energies per mass are
+    Each spring belongs to a mass. The energies per mass are
 
     e_h′ = (1 − α) k/m z d′,     e_e′ = α k/m d d′                                       [3.14, 3.15]
 
-    Only those energies are integrated that the law or a recorded channel needs.
+    The integration includes only energies that the law or a recorded channel needs.
     """
 
     def __init__(self, law: Law, mass: Any, stiffness: Any, kind: str, recorded: set[str]) -> None:
         self.law, self.mass, self.kind = law, mass, kind
-        # What does not change in time is multiplied out once, not at every stage of every step.
+        # Constant products are computed once, not at every stage of every step.
         per_mass = stiffness / mass
         self.elastic = law.alpha * per_mass
         self.hysteretic = (1.0 - law.alpha) * per_mass
@@ -37,7 +37,7 @@ class HystereticSystem(ABC):
 
     @abstractmethod
     def deformation(self, motion: Any) -> Any:
-        """Deformation of every spring, or its rate, from the motion of the masses."""
+        """Compute the deformation of every spring, or its rate, from the motion of the masses."""
 
     @abstractmethod
     def spring_force(self, deformation: Any, z: Any) -> Any:
@@ -48,7 +48,7 @@ class HystereticSystem(ABC):
         """Acceleration u″ of the masses, relative to the base."""
 
     def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
-        """Displacements and velocities of the masses."""
+        """Return the displacements and velocities of the masses."""
         return state["u"], state["v"]
 
     def with_energies(self, state: State, zero: Any) -> State:
@@ -60,7 +60,7 @@ class HystereticSystem(ABC):
         return state
 
     def rate(self, state: State, signal: Any) -> State:
-        """Derivative of every part of the state."""
+        """Return the time derivative of every part of the state."""
         u, v = self.kinematics(state, signal)
         z, deformation_rate = state["z"], self.deformation(v)
         slope = {"z": hysteretic_rate(deformation_rate, z, state.get("e_h"), self.law)}
@@ -89,14 +89,14 @@ class HystereticSystem(ABC):
             xp = namespace(state["z"])
             rate = law_rate(watched["rate"], watched.get("z"), state.get("e_h"), self.law)
             length = step * xp.maximum(rate, xp.sqrt(self.largest_square_of_frequency()))
-            # Not a number where anything was not finite: then it was not followed.
+            # The length is NaN if any value was not finite; the comparison is then false.
             good = length <= LONGEST_STEP
             return good if good.ndim == 1 else good.all(axis=0)
 
         return Watch(start, seen, followed)
 
     def channel(self, name: str, state: State, signal: Any) -> Any:
-        """Value of one channel."""
+        """Return the value of one channel."""
         u, v = self.kinematics(state, signal)
         z = state["z"]
         match name:

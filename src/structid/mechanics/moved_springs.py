@@ -1,4 +1,4 @@
-"""Bouc-Wen-Baber-Noori springs under imposed displacements, as in a quasi-static test: no time, no inertia.
+"""Bouc-Wen-Baber-Noori springs under imposed displacements, as in a quasi-static test without inertia.
 
 Numbers in brackets, such as [3.4], are equations of the MSc thesis in docs/bibliography.md.
 """
@@ -16,20 +16,20 @@ from structid.mechanics.runge_kutta import runge_kutta_4
 State = dict[str, Any]
 """``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
 SHORT_STEP = 0.25
-"""Length of the pieces of a move that is too long for one step, in units of the length on which the force changes."""
+"""Length of the pieces of a move that is too long for one step, in units of the force's characteristic length."""
 MOST_PIECES = 1000
-"""Largest number of pieces of a move: 250 lengths, metres for a storey. Longer moves belong to runs that grow without bound."""
+"""Largest number of pieces of a move: 250 characteristic lengths, metres for a storey. Only unbounded runs have longer moves."""
 NEWTON_ITERATIONS = 4
-"""Iterations for the point where z = 0; from a linear first guess three give all digits."""
+"""Iterations for the point where z = 0; after a linear first guess three iterations are exact to the last digit."""
 
 
 def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
-    """Move springs of deformation d by Δ: z and e_h along d + s Δ, 0 ≤ s ≤ 1, by one Runge-Kutta step.
+    """Move springs from deformation d by Δ: one Runge-Kutta step for z and e_h along d + s Δ, 0 ≤ s ≤ 1.
 
     dz/ds = law(Δ, z, e_h),    de_h/ds = (1 − α) k/m z Δ                            [3.4, 3.14]
 
-    For an exponent of 1 the law has a kink at z = 0, which would reduce the order. A move that crosses it is therefore split
-    there.
+    For an exponent of 1 the law has a kink at z = 0, which would reduce the order. A move that crosses the kink is therefore
+    split there.
     """
     before = state["z"]
     xp = namespace(before)
@@ -57,8 +57,8 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
 def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[State, Any]:
     """Move springs and report whether a Runge-Kutta step is accurate over a move of this length.
 
-    Outside JAX a move that is too long is divided, up to `MOST_PIECES`. Inside JAX, where their number must not depend on the
-    parameters, it is only reported.
+    Outside JAX a move that is too long is divided into at most `MOST_PIECES` pieces. Inside JAX the number of pieces must not
+    depend on the parameters, so a move that is too long is only reported.
     """
     xp = namespace(state["z"])
     if xp is np:
@@ -75,9 +75,9 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
 
 
 def _pieces(law: Law, state: State, change: Any) -> float:
-    """Number of pieces of a move: one, unless it is longer than `LONGEST_STEP` at the largest possible z.
+    """Return the number of pieces of a move: one, unless the move is longer than `LONGEST_STEP` at the largest possible z.
 
-    Infinite or NaN for an unbounded move.
+    The number is infinite or NaN for an unbounded move.
     """
     largest = np.abs(state["z"]) + law.amplitude * np.abs(change)
     both = law.beta + law.gamma
@@ -89,5 +89,5 @@ def _pieces(law: Law, state: State, change: Any) -> float:
 
 
 def crosses_zero(before: Any, after: Any) -> Any:
-    """Whether z crosses the kink of the law."""
+    """Whether z crosses zero, the kink of the law."""
     return before * after < 0.0

@@ -1,4 +1,4 @@
-"""Restoring forces of a part of a structure under imposed displacements: the static force and its memory.
+"""Restoring forces of a substructure under imposed displacements: the static force and its memory.
 
 Numbers in brackets, such as [3.13], are equations of the MSc thesis in docs/bibliography.md.
 """
@@ -24,14 +24,14 @@ from structid.mechanics.moved_springs import followed_by
 
 
 class CollapseError(StructidError):
-    """A structure has collapsed: no force balances it at the imposed displacement. The message names what failed and where."""
+    """Error of a collapsed structure: no equilibrium exists at the imposed displacement. The message names the failed part."""
 
 
 class RestoringForce(ABC):
-    """A static force r(u) of the displacements of a part and of their history.
+    """A static force r(u) of a substructure, which depends on its displacements and their history.
 
-    The memory is passed in and out, so that a step can be tried and discarded. A laboratory cannot do so: it imposes a
-    displacement once and reads the force once.
+    The memory is an argument and a result, so a trial step can be discarded. A laboratory cannot discard a step: it imposes
+    a displacement once and reads the force once.
     """
 
     @property
@@ -46,52 +46,52 @@ class RestoringForce(ABC):
 
     @property
     def largest_move(self) -> float:
-        """Longest move made in one piece where a path is followed [m]."""
+        """Longest move along a path that is made in one piece [m]."""
         return np.inf
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything the force depends on."""
+        """Hash of all data on which the force depends."""
         return digest(type(self).__name__, *_arrays_of(self))
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Force before the first move, of a load that stands on it; none unless it says otherwise.
+        """Return the force before the first move, such as a permanent load; zero by default.
 
         Parameters
         ----------
         displacement : array, shape (dof,) or (dof, run)
-            Zeros, in the shape of what will come.
+            Zeros, in the shape of later displacements.
 
         Returns
         -------
         array
-            In the same shape [N].
+            Force in the shape of the displacement [N].
         """
         return displacement
 
     def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Give the force before the first move, and the memory there.
+        """Return the force and the memory before the first move.
 
         Parameters
         ----------
         displacement : array, shape (dof,) or (dof, run)
-            Zeros, in the shape of what will come.
+            Zeros, in the shape of later displacements.
 
         Returns
         -------
         tuple
-            As `at` gives them. A specimen is read once.
+            Force and memory, as returned by `at`. A specimen is read once.
         """
         return self.force_at_rest(displacement), self.at_rest(displacement)
 
     @abstractmethod
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """What is remembered before the first move.
+        """Return the memory before the first move.
 
         Parameters
         ----------
         displacement : array, shape (dof,) or (dof, run)
-            Zeros, in the shape of what will come.
+            Zeros, in the shape of later displacements.
 
         Returns
         -------
@@ -106,20 +106,20 @@ class RestoringForce(ABC):
         Parameters
         ----------
         memory : tree of arrays
-            What is remembered of the moves before.
+            Memory of the earlier moves.
         displacement : array, shape (dof,) or (dof, run)
-            u [m], or [rad] where a degree of freedom turns.
+            u [m], or [rad] for a rotation.
 
         Returns
         -------
         tuple
-            The force, in the shape of the displacement [N], and the memory after it.
+            The force, in the shape of the displacement [N], and the memory after the move.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class LinearForce(RestoringForce):
-    """r = K u."""
+    """Linear restoring force r = K u."""
 
     stiffness: Float[np.ndarray, "dof dof"]  # K [N/m]
 
@@ -129,7 +129,7 @@ class LinearForce(RestoringForce):
         return len(self.stiffness)
 
     def at_rest(self, displacement: Any) -> Any:
-        """No memory; see `RestoringForce.at_rest`."""
+        """Return an empty memory; see `RestoringForce.at_rest`."""
         return ()
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
@@ -144,8 +144,8 @@ class HystereticSprings(RestoringForce):
 
     deformations: np.ndarray  # B
     stiffness: np.ndarray  # initial stiffness k of every spring [N/m]
-    mass: np.ndarray  # mass m by which energies are divided [kg], as for `BoucWen`
-    # α, β, γ and the others, each a number for all springs or an array (spring,) or (spring, run); see `spring_law`
+    mass: np.ndarray  # mass m by which the energies are divided [kg], as in `BoucWen`
+    # α, β, γ, …: each is one number for all springs, or an array (spring,) or (spring, run); see `spring_law`
     law: Law = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -153,7 +153,7 @@ class HystereticSprings(RestoringForce):
         object.__setattr__(self, "deformations", rows)
         for name in ("stiffness", "mass"):
             if isinstance(getattr(self, name), jax.Array):
-                continue  # of many runs, inside JAX, where nothing can be checked
+                continue  # values of many runs inside JAX cannot be checked
             values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
             if (
                 values.shape[:1] != (len(rows),)
@@ -163,7 +163,7 @@ class HystereticSprings(RestoringForce):
                 raise InputError(
                     f"HystereticSprings.{name}",
                     f"{getattr(self, name)!r}",
-                    f"{len(rows)} positive numbers, one a spring",
+                    f"{len(rows)} positive numbers, one per spring",
                 )
             object.__setattr__(self, name, values)
 
@@ -174,13 +174,13 @@ class HystereticSprings(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """A fraction of z_u, the largest z, over which a Runge-Kutta step errs by 1e-9; see `RestoringForce.largest_move`."""
+        """Fraction of z_u, the largest z, for which the error of a Runge-Kutta step is 1e-9; see `RestoringForce.largest_move`."""
         shapes = float(np.max(np.abs(self.law.beta) + np.abs(self.law.gamma)))
         ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Springs that were never moved; see `RestoringForce.at_rest`."""
+        """Return the memory of unmoved springs; see `RestoringForce.at_rest`."""
         nothing = self.deformations @ displacement
         return {"d": nothing, "z": nothing, "e_h": nothing}
 
@@ -199,14 +199,14 @@ class HystereticSprings(RestoringForce):
 
     @staticmethod
     def _of_springs(value: Any, like: Any) -> Any:
-        """A value for every spring, with a run axis where there are several runs."""
+        """Return a value for every spring, with a run axis if there are several runs."""
         if isinstance(value, float) or like.ndim == 1 or np.ndim(value) == 2:
             return value
         return namespace(like).asarray(value).reshape(-1, 1)
 
 
 def _arrays_of(settings: Any) -> list[np.ndarray]:
-    """Numbers of a dataclass and of the tuples in it."""
+    """Return the numbers of a dataclass and of the tuples in it."""
     values = [getattr(settings, f.name) for f in fields(settings)] if is_dataclass(settings) else list(settings)
     result: list[np.ndarray] = []
     for value in values:
@@ -220,7 +220,7 @@ def spring_law(
     gamma: float | Sequence[float],
     **others: float | Sequence[float],
 ) -> Law:
-    """Parameters of a law without degradation or pinching."""
+    """Return the parameters of a hysteretic law, by default without degradation and pinching."""
     given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0} | others
     unknown = set(given) - set(Law._fields)
     if unknown:

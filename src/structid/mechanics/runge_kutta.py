@@ -14,16 +14,16 @@ from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
 class Watch(NamedTuple):
-    """Monitor that examines every sample for steps that are too long for the equations."""
+    """Monitor of every sample that detects time steps too long for the equations."""
 
     start: State  # initial value
-    seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: the value with one more sample
-    # ``followed(state, watched, step)``: which runs were followed, (run,), from the end of the record
+    seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: the value after another sample
+    # ``followed(state, watched, step)``: mask (run,) of the accurate runs, evaluated at the end of the record
     followed: Callable[[State, State, Any], Any]
 
 
 def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tuple[Any, Any, Any], step: Any) -> State:
-    """One step of the classical Runge-Kutta method.
+    """Take one step of the classical Runge-Kutta method.
 
     k₁ = f(y, x₀), k₂ = f(y + h/2 k₁, x_½), k₃ = f(y + h/2 k₂, x_½), k₄ = f(y + h k₃, x₁),
     y ← y + h/6 (k₁ + 2k₂ + 2k₃ + k₄)
@@ -43,7 +43,7 @@ def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tup
 
 
 def _each_array(function: Callable[..., Any], *states: dict[str, Any]) -> dict[str, Any]:
-    """`jax.tree.map` for dicts of arrays, faster than JAX for springs moved by NumPy."""
+    """Apply a function to dictionaries of arrays, faster than `jax.tree.map` for NumPy arrays."""
     return {name: function(*(state[name] for state in states)) for name in states[0]}
 
 
@@ -57,7 +57,7 @@ def runge_kutta_loop(
     lead_in: int = 0,
     watch: Watch | None = None,
 ) -> TimeLoop:
-    """Loop that integrates over a record and observes the state at every sample."""
+    """Return a loop that integrates over a record and observes the state at every sample."""
     substeps = stages.shape[1]
     step = dt / substeps
 
@@ -65,12 +65,12 @@ def runge_kutta_loop(
         return runge_kutta_4(rate, state, inputs_of(stage), step), None
 
     def sample(state: State, row: Any) -> tuple[State, Any]:
-        # Observing before stepping needs no extra first row.
+        # The state is observed before the step, so the first sample needs no extra row.
         outputs = observe(state, inputs_of(row[0])[0])
         if substeps == 1:
             state, _ = substep(state, row[0])
         else:
-            # The inner loop is compiled into one kernel: three substeps cost little more than one.
+            # The inner loop is compiled into one kernel, so three substeps take little more time than one.
             state, _ = lax.scan(substep, state, row)
         return state, outputs
 

@@ -1,1 +1,1 @@
-"""Models: from parameters and an excitation to response histories."""
+"""Models, which compute response histories from parameters and an excitation."""

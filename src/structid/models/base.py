@@ -1,4 +1,4 @@
-"""The interface of every model: parameters and an excitation in, response histories out."""
+"""The interface of every model, which computes response histories from parameters and an excitation."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
 Map = Callable[..., Iterable[Any]]
-"""Applies a function to every element of a sequence, in order, like ``concurrent.futures.Executor.map``."""
+"""Function that applies another function to every element of a sequence in order, like ``concurrent.futures.Executor.map``."""
 
 
 class StandIn(ABC):
-    """Additional knowledge of a model that replaces another one, such as a surrogate."""
+    """Additional information about a model that replaces another model, such as a surrogate."""
 
     @property
     @abstractmethod
@@ -36,7 +36,7 @@ class StandIn(ABC):
 
     @abstractmethod
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Say which points lie outside the range in which it is known to be good.
+        """Find the points outside the range in which the replacement is valid.
 
         Parameters
         ----------
@@ -46,73 +46,73 @@ class StandIn(ABC):
         Returns
         -------
         ndarray of bool, shape (run,)
-            True where nothing is known.
+            True for points outside the range.
         """
 
     @abstractmethod
     def search_range(self) -> dict[str, tuple[float, float]]:
-        """Range of each parameter in which a search may look, in SI.
+        """Range of each parameter for a search, in SI.
 
         Returns
         -------
         dict of str to tuple of float
-            Smallest and largest value, by name.
+            Smallest and largest value of each parameter.
         """
 
     @abstractmethod
     def check_fitness(self) -> None:
-        """Refuse to be used in a posterior if it is known to be poor.
+        """Refuse use in a posterior if the replacement is known to be inaccurate.
 
         Raises
         ------
         InputError
-            If it is.
+            If the replacement is inaccurate.
         """
 
     @abstractmethod
     def error_variance(
         self, theta: Float[Array, "run parameter"], excitation: Any, values: Float[Array, "time channel run"]
     ) -> Float[Array, "channel run"]:
-        """Variance of its own error, averaged over time, inside JAX.
+        """Return the variance of the replacement's error, averaged over time, inside JAX.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of the model's `free`.
         excitation : TracedExcitation
-            What drives it.
+            Excitation of the model.
         values : jax.Array, shape (time, channel, run)
-            Its response there.
+            Response of the replacement.
 
         Returns
         -------
         jax.Array, shape (channel, run)
-            In the square of each channel's SI unit.
+            Variance in the square of each channel's SI unit.
         """
 
 
 class Model(ABC):
-    """Maps parameters and an excitation to response histories.
+    """A map from parameters and an excitation to response histories.
 
-    Everything that has this interface can be calibrated: the built-in oscillators, an external solver, a surrogate.
-    A class that implements it is final; its settings are in its constructor and do not change.
+    Every model with this interface can be calibrated: a built-in oscillator, an external solver, a surrogate.
+    A class that implements the interface is final; its settings are constructor arguments and do not change.
 
     Attributes
     ----------
     free : tuple of str
-        Parameters that are given with every run, in the order of its columns.
+        Names of the parameters that are given with every run, in the order of the columns.
     channels : tuple of str
-        What a run returns.
+        Names of the channels that a run returns.
     traceable : bool
-        Whether the response is a JAX function, with derivatives; such a model is a `TraceableModel`.
+        Whether the response is a JAX function with derivatives; such a model is a `TraceableModel`.
     batched : bool
-        Whether many runs are done in one call. A run then costs little, and nobody needs workers for it.
+        Whether many runs are computed in one call. A run is then cheap, and workers are not needed.
     guarded : bool
-        Whether runs are done one by one in child processes, where they can do no harm. An executor may do several at a time.
+        Whether runs are computed one by one in guarded child processes. An executor may use several processes at a time.
 
     Examples
     --------
-    A model of many runs a call:
+    A model that computes many runs per call:
 
     >>> import structid as si
     >>> from structid.histories import Histories
@@ -138,51 +138,51 @@ class Model(ABC):
 
     @property
     def stand_in(self) -> StandIn | None:
-        """Its description as a replacement of another model; None for a model that replaces none."""
+        """Information about the model as a replacement of another model; None if it replaces no model."""
         return None
 
     @property
     def can_drift(self) -> bool:
-        """Whether its parameters may change during the response: true for a loop over time that replaces no other model."""
+        """Whether the parameters may change during the response: true for a loop over time that replaces no other model."""
         return False
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """SI unit and display unit of every channel; those of the standard names by default."""
+        """SI unit and display unit of every channel; by default the units of the standard channel names."""
         return {channel: standard_unit(channel) for channel in self.channels}
 
     @property
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
-        """Displacement, force and absorbed energy of every spring with a hysteresis loop, by the name of the spring.
+        """Channel names of displacement, force and absorbed energy, for every spring with a hysteresis loop.
 
-        A model's only spring has an empty name. The channels can be requested with `recording`.
+        The keys are names of springs; the only spring of a model has an empty name. `recording` makes a model record the channels.
         """
         return {}
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return "model"
 
     def pictures(self, theta: Float[np.ndarray, " parameter"], excitation: Excitation) -> Sequence[ModelPicture]:
-        """Pictures of the structure in one run; none for a model that cannot draw itself.
+        """Return pictures of the structure in one run; none if the model cannot draw any.
 
         Parameters
         ----------
         theta : ndarray, shape (parameter,)
-            Parameters in SI, those of the space first.
+            Parameters in SI; the parameters of the space come first.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
 
         Returns
         -------
         sequence of ModelPicture
-            Each is drawn when it is asked for.
+            Pictures, each drawn when it is needed.
         """
         return ()
 
     def derived_quantities(self, theta: Float[np.ndarray, "run parameter"]) -> Mapping[str, DerivedQuantity]:
-        """What follows from the parameters, and says more to an engineer: a yield displacement, say.
+        """Return quantities derived from the parameters that are easier to interpret, such as a yield displacement.
 
         Parameters
         ----------
@@ -192,12 +192,12 @@ class Model(ABC):
         Returns
         -------
         mapping of str to DerivedQuantity
-            By a name in words; none for a model that says nothing of it.
+            Quantities with descriptive names; empty if the model defines none.
         """
         return {}
 
     def natural_frequency(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"] | None:
-        """Lowest natural frequency before anything yields.
+        """Return the lowest natural frequency before yielding.
 
         Parameters
         ----------
@@ -207,17 +207,17 @@ class Model(ABC):
         Returns
         -------
         ndarray, shape (run,), or None
-            [Hz]; None for a model that says nothing of it.
+            Frequency [Hz]; None if the model defines none.
         """
         return None
 
     def working_in(self, folder: Path) -> Model:
-        """Return this model with a folder for the files that its runs leave, if they leave any.
+        """Return this model with a folder for the files of its runs, if the runs write files.
 
         Parameters
         ----------
         folder : Path
-            Created if it does not exist.
+            The folder; it is created if it does not exist.
 
         Returns
         -------
@@ -228,7 +228,7 @@ class Model(ABC):
 
     @check_arguments
     def recording(self, *channels: str) -> Model:
-        """Return this model with other channels.
+        """Return a copy of this model that records other channels.
 
         Parameters
         ----------
@@ -238,19 +238,19 @@ class Model(ABC):
         Returns
         -------
         Model
-            The same model, recording them.
+            The same model with these channels.
 
         Raises
         ------
         InputError
-            If it cannot record them.
+            If the model cannot record them.
         """
         if set(channels) <= set(self.channels):
             return self
         raise InputError(
             "channels",
             f"{', '.join(channels)}",
-            f"what this {type(self).__name__} records: {', '.join(self.channels)}",
+            f"channels that this {type(self).__name__} records: {', '.join(self.channels)}",
         )
 
     @check_arguments
@@ -267,23 +267,23 @@ class Model(ABC):
         Parameters
         ----------
         design : Design or array-like, shape (run, parameter)
-            Parameters in SI; a bare array has its columns in the order of `free`.
+            Parameters in SI; the columns of an array are in the order of `free`.
         excitation : Excitation or sequence of Excitation
-            What drives it: one for all runs, or one for each run, all of the same step and length.
+            One excitation for all runs, or one for each run; all must have the same time step and length.
         progress : callable, optional
-            Called with the number of finished runs and the total.
+            Callback whose arguments are the number of finished runs and the total number.
         map : callable, optional
-            Maps the runs of an external model, like ``Executor.map``. Built-in models run in batches and do not need it.
+            Function that maps the runs of an external model, like ``Executor.map``. Built-in models run in batches without it.
 
         Returns
         -------
         Histories
-            ``values[run, time, channel]`` in SI. A run that fails is a row with a status, the time of failure, a reason,
-            and NaN from there on.
+            ``values[run, time, channel]`` in SI. A failed run has a status, a time of failure, a reason, and NaN after that
+            time.
         """
         theta = self.parameters(design)
         if len(theta) == 0:
-            raise InputError("simulate", "no runs", "one row of parameters or more")
+            raise InputError("simulate", "no runs", "at least one row of parameters")
         if isinstance(excitation, Excitation):
             self.before_run(theta, excitation)
             return self.run(theta, excitation, progress, map)
@@ -297,21 +297,21 @@ class Model(ABC):
         progress: Progress | None = None,
         map: Map | None = None,
     ) -> Histories:
-        """Run checked parameters on one excitation; what a kind of model implements.
+        """Run the model with checked parameters on one excitation; every kind of model implements this method.
 
         Parameters
         ----------
         theta : ndarray, shape (run, parameter)
-            Parameters in SI, in the order of `free`; one row or more.
+            Parameters in SI, in the order of `free`; at least one row.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
         progress, map : callable, optional
             As for `simulate`.
 
         Returns
         -------
         Histories
-            One row a run.
+            One row for each run.
         """
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
@@ -322,27 +322,27 @@ class Model(ABC):
         theta : ndarray, shape (run, parameter)
             Parameters in SI, in the order of `free`.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
 
         Raises
         ------
         InputError
-            If the model cannot respond to them.
+            If they are invalid for the model.
         """
         self.check_excitation(excitation)
 
     def check_excitation(self, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
-        """Refuse an excitation that the model cannot respond to.
+        """Refuse an excitation to which the model cannot respond.
 
         Parameters
         ----------
         excitation : Excitation
-            What is to drive it.
+            Intended excitation.
 
         Raises
         ------
         InputError
-            If it cannot.
+            If the model cannot respond to it.
         """
 
     def _run_on_several(
@@ -372,11 +372,11 @@ class Model(ABC):
     @property
     @abstractmethod
     def content_hash(self) -> str:
-        """Hash of everything a response depends on besides parameters and excitation."""
+        """Hash of all data on which a response depends, except parameters and excitation."""
 
     @check_arguments
     def parameters(self, design: Design | np.ndarray) -> Float[np.ndarray, "run parameter"]:
-        """Check a design against the free parameters and bring its columns into their order.
+        """Check a design against the free parameters, and sort its columns into their order.
 
         Parameters
         ----------
@@ -391,7 +391,7 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If a free parameter has no column, or a column no parameter.
+            If a free parameter has no column, or a column has no free parameter.
         """
         if isinstance(design, Design):
             self.check_names(design.space.names, design.space.all_names)
@@ -406,12 +406,12 @@ class Model(ABC):
         return theta
 
     def check_names(self, sampled: tuple[str, ...], all_names: tuple[str, ...]) -> None:
-        """Check that a space has every free parameter, and none that the model lacks.
+        """Check that the parameters of a space match the free parameters of the model.
 
         Parameters
         ----------
         sampled, all_names : tuple of str
-            The names with a prior, and those together with the derived ones.
+            Names of the parameters with a prior, and names of all parameters including derived parameters.
 
         Raises
         ------
@@ -431,13 +431,13 @@ class Model(ABC):
                 if name not in self.free:
                     raise InputError(
                         "parameter space",
-                        f"'{name}' is no free parameter of this {type(self).__name__}",
+                        f"'{name}' is not a free parameter of this {type(self).__name__}",
                         ", ".join(self.free) or "none",
                         suggestion(name, self.free) or "Remove it, or name it in free.",
                     )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors that the model's parameters cannot have; a model that knows nothing of its parameters takes any.
+        """Refuse priors that are impossible for the model's parameters; by default all priors are allowed.
 
         Parameters
         ----------
@@ -459,8 +459,8 @@ def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Exci
     if len({(len(e), e.dt) for e in given}) > 1:
         raise InputError(
             "simulate",
-            "excitations of different steps or lengths",
-            "the same step and length for all",
-            "A Campaign takes any; or resample and trim them.",
+            "excitations with different time steps or lengths",
+            "one time step and length for all excitations",
+            "Use a Campaign, which allows different excitations, or resample and trim them.",
         )
     return given

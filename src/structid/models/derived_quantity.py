@@ -11,5 +11,5 @@ from jaxtyping import Float
 class DerivedQuantity(NamedTuple):
     """A quantity derived from the parameters of many runs."""
 
-    values: Float[np.ndarray, " run"]  # in SI
+    values: Float[np.ndarray, " run"]  # values in SI
     unit: str  # display unit, such as ``"mm"``

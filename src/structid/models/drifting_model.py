@@ -1,4 +1,4 @@
-"""A model whose parameters drift during the response, a frequent form of model error."""
+"""A model whose parameters drift during the response, a common type of model error."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from structid.probability.space import ParameterSpace
 
 
 def drift_name(name: str) -> str:
-    """Name of the standard deviation of a parameter's drift."""
+    """Return the name of the standard deviation of a parameter's drift."""
     return f"{name}_drift"
 
 
 def knot_names(names: tuple[str, ...], knots: int) -> tuple[str, ...]:
-    """Names of the drifts at the knots."""
+    """Return the names of the drifts at the knots."""
     return tuple(f"{name}_at_{knot}" for name in names for knot in range(1, knots + 1))
 
 
@@ -36,17 +36,17 @@ class DriftingModel(TraceableModel):
 
     θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) a priori
 
-    At a knot, θ is clipped to the support of its prior; θ(t) is constant during a sample. Derived parameters and whatever the
-    model computes from its parameters (such as damping from the initial stiffness) drift with them.
+    At a knot, θ is clipped to the support of its prior; θ(t) is constant during a sample. Derived parameters, and quantities
+    computed from the parameters (such as damping from the initial stiffness), drift with them.
     """
 
     def __init__(self, model: Model, space: ParameterSpace, knots: int, every: float) -> None:
-        allowed = "a built-in model: an oscillator, a frame"
-        cure = "Use iid, ar1 or damped_cosine errors, which any model allows."
+        allowed = "a built-in oscillator or frame"
+        cure = "Use iid, ar1 or damped_cosine errors, which are available for any model."
         self.model = as_traceable(model, "drifting parameters", allowed, cure)
         if not model.can_drift:
             raise InputError(
-                "drifting parameters", f"a {type(model).__name__}, which is no loop over time", allowed, cure
+                "drifting parameters", f"a {type(model).__name__}, which has no loop over time", allowed, cure
             )
         self.space, self.knots, self.every = space, knots, every
         self.channels, self.substeps = self.model.channels, self.model.substeps
@@ -54,17 +54,17 @@ class DriftingModel(TraceableModel):
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """Those of the wrapped model."""
+        """Units of the channels of the wrapped model."""
         return self.model.channel_units
 
     @property
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
-        """Those of the wrapped model."""
+        """Loop channels of the wrapped model."""
         return self.model.loop_channels
 
     @property
     def kind_in_words(self) -> str:
-        """The wrapped model's, with its drift."""
+        """Descriptive name of the wrapped model and its drift."""
         return f"{self.model.kind_in_words} with drifting parameters"
 
     @cached_property
@@ -77,11 +77,11 @@ class DriftingModel(TraceableModel):
         return DriftingModel(self.model.recording(*channels), self.space, self.knots, self.every)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse what the wrapped model refuses; see `Model.check_excitation`."""
+        """Refuse an excitation that the wrapped model refuses; see `Model.check_excitation`."""
         self.model.check_excitation(excitation)
 
     def at_knots(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run knot sampled_parameter"]:
-        """θ_j + d_j b_jk, clipped to the support of the prior."""
+        """Return θ_j + d_j b_jk, clipped to the support of the prior."""
         count = self.space.dimension
         mean, drift = theta[:, None, :count], theta[:, None, count : 2 * count]
         at = theta[:, 2 * count :].reshape(-1, count, self.knots).swapaxes(1, 2)
@@ -89,7 +89,7 @@ class DriftingModel(TraceableModel):
         return jnp.clip(mean + drift * at, low, high)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Loop over the record; see `TraceableModel.time_loop`."""
+        """Return the loop over the record; see `TraceableModel.time_loop`."""
         at_knots = self.at_knots(theta)
         shares = _shares(excitation.stages.shape[0], excitation.dropped_samples, excitation.dt / self.every, self.knots)
 
@@ -107,11 +107,11 @@ class DriftingModel(TraceableModel):
 
 
 def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
-    """Weights of the knots at every row of a record, (row, knot): hat functions, `step` knots per row, after `before` rows."""
+    """Return the weights of the knots, (row, knot), for rows that advance by `step` knots; the first knot is at row `before`."""
     return hats((np.arange(rows) - before) * step, knots)
 
 
 def hats(at: Float[np.ndarray, " row"], knots: int) -> Float[np.ndarray, "row knot"]:
-    """Weights of linear interpolation between knots at 0, 1, 2, …; constant before the first and after the last."""
+    """Return weights of linear interpolation between knots at 0, 1, 2, …; they are constant beyond the end knots."""
     at = np.clip(at, 0.0, knots - 1.0)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(knots))))

@@ -1,4 +1,4 @@
-"""Integration error of a built-in model, from the same run with shorter steps, and the number of steps that suffices."""
+"""Integration error of a built-in model, from a comparison with shorter steps, and a sufficient number of steps."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from structid.histories import Histories
 from structid.models.traceable import TraceableModel
 
 LIMIT = 0.01
-"""Error, relative to a channel's peak, above which shorter steps are recommended; measurement noise is of this order."""
+"""Error relative to a channel's peak above which shorter steps are recommended; measurement noise has this magnitude."""
 
 REFERENCE = 8
-"""Factor on the number of steps for the reference run."""
+"""Factor by which the reference run has more steps."""
 
 TRIED = (2, 4)
-"""Factors on the number of steps that are tried in turn where the model's steps are too long."""
+"""Factors on the number of steps that are tried in turn if the model's steps are too long."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class IntegrationError:
     """Integration error of one run."""
 
     setting: str  # name of the setting, such as ``"substeps"``
-    steps: int  # its value
-    # Largest difference from a run with eight times as many, in parts of the peak of the channel; infinite where the
+    steps: int  # value of the setting
+    # Largest difference from a run with eight times as many steps, as a fraction of the channel's peak; infinite if the
     # run fails
     error: float
-    # The value with which the error is below the limit; None where even eight times as many steps do not follow the law
+    # Value of the setting with an error below the limit; None if eight times as many steps are still not accurate
     wanted: int | None
 
     @property
@@ -42,21 +42,21 @@ class IntegrationError:
     def __str__(self) -> str:
         by = f"With {self.setting} = {self.steps} the integration"
         if np.isfinite(self.error):
-            return f"{by} errs by {100.0 * self.error:.2g} % of the peak."
-        return f"{by} does not follow the stiffness or the hysteretic law."
+            return f"{by} error is {100.0 * self.error:.2g} % of the peak."
+        return f"{by} steps are too long for the stiffness or the hysteretic law."
 
     @property
     def question(self) -> str:
-        """Recommendation; empty where the error is small."""
+        """Recommendation; empty if the error is small."""
         if not self.too_large:
             return ""
         if self.wanted is None:
-            return f"{self} Nor does {REFERENCE * self.steps}. Are priors, units and time step right?"
-        return f"{self} {self.setting} = {self.wanted} in [model] brings it below {100.0 * LIMIT:g} %."
+            return f"{self} Even {REFERENCE * self.steps} steps are not enough. Check priors, units and time step."
+        return f"{self} For an error below {100.0 * LIMIT:g} %, set {self.setting} = {self.wanted} in [model]."
 
 
 def _finer(model: Any, times: int) -> TraceableModel:
-    """The same model with a multiple of its steps."""
+    """Return the same model with a multiple of its steps."""
     finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
     return finer
 
@@ -64,7 +64,7 @@ def _finer(model: Any, times: int) -> TraceableModel:
 def integration_error(
     model: TraceableModel, theta: Float[np.ndarray, "1 parameter"], excitation: Excitation
 ) -> IntegrationError | None:
-    """Compare a run with the same run in shorter steps."""
+    """Compare a run with the same run in shorter steps, and find a sufficient number of steps."""
     setting = model.steps_setting
     if not setting:
         return None

@@ -1,4 +1,4 @@
-"""The description of a kind of model, by which a study file can name it without other code knowing its name."""
+"""Description of a kind of model, through which a study file can name the model."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from structid.probability.space import ParameterSpace
 
 @dataclass(frozen=True, eq=False)
 class ModelRequest:
-    """What a study requires of a model."""
+    """Requirements of a study for a model."""
 
-    given: Mapping[str, Any]  # content of its table, quantities in SI, without omitted keys
+    given: Mapping[str, Any]  # content of the model's table, quantities in SI, without omitted keys
     space: ParameterSpace  # unknown parameters
-    free: tuple[str, ...]  # parameters, derived ones included, that the model has
+    free: tuple[str, ...]  # parameters of the model, including derived parameters
     channels: tuple[str, ...]  # channels that are measured or requested
     folder: Path  # base of relative paths
 
 
 @dataclass(frozen=True, eq=False)
 class ModelKind:
-    """One kind of model: its word, its keys in a study file, and what builds it.
+    """One kind of model: its name and keys in a study file, and the function that builds it.
 
     Parameters
     ----------
     word : str
-        ``type`` in a study file.
+        Value of ``type`` in a study file.
     keys : mapping of str to tuple
-        Keys of its table: the type as pydantic reads it, and the default, ``...`` for a key that must be there.
+        Keys of the model's table: the type for pydantic, and the default, or ``...`` for a required key.
     build : callable
-        Makes the model of a `ModelRequest`.
+        Function that makes the model from a `ModelRequest`.
     parameters : callable, optional
-        Names of the parameters that the model knows, from its table. None for a solver, which takes any.
+        Function that returns the parameter names of the model from its table. None for a solver, which allows any name.
     parameter_unit : callable, optional
-        SI unit of a parameter, from its name, the table and the names of all unknown parameters; None where it is not known.
+        Function that returns the SI unit of a parameter, or None, from its name, the table and the names of all unknowns.
     check : callable, optional
-        Looks at the raw table before its keys are read, and returns it.
+        Function that checks the raw table before its keys are read, and returns it.
     named_in_messages : tuple of str
-        Parameters that a message lists, best those of a single spring or storey. When empty, all that the model knows.
+        Parameters that a message lists, preferably of a single spring or storey; all parameters if empty.
     note : str
-        What such a list ends with.
+        Text at the end of such a list.
     moved_channel : str
-        A channel with which it can be built where displacements are imposed on its structure; empty where none can be.
+        A channel for building the model under imposed displacements; empty if displacements cannot be imposed.
 
     Examples
     --------
@@ -74,5 +74,5 @@ class ModelKind:
 
     @property
     def is_a_solver(self) -> bool:
-        """Whether it runs an external solver, whose parameters and channels the study defines."""
+        """Whether the model runs an external solver, whose parameters and channels the study defines."""
         return self.parameters is None

@@ -1,4 +1,4 @@
-"""All kinds of model that a study file can name. A new one is a file with its `ModelKind` and a line here."""
+"""All kinds of model that a study file can name. To add a kind, write a file with its `ModelKind`, and add a line here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures that a model can draw of the structure in motion."""
+"""Pictures of the moving structure that a model can draw."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A film, drawn while it is written because that takes long."""
+    """A film, which is drawn only when it is written, because drawing takes long."""
 
-    write: Callable[[Path], object]  # writes a GIF file of this name
+    write: Callable[[Path], object]  # function that writes a GIF file of this name
 
 
 @dataclass(frozen=True)
 class ModelPicture:
-    """One picture."""
+    """A picture of a model."""
 
     name: str  # file name without extension
     caption: str  # caption
-    draw: Callable[[], Figure | Film]  # draws it
+    draw: Callable[[], Figure | Film]  # function that draws it

@@ -1,4 +1,4 @@
-"""Models whose response is a JAX function: batches over the cores, exact derivatives."""
+"""Models whose response is a JAX function, with batches on all cores and exact derivatives."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from structid.mechanics.restoring_forces import RestoringForce
 from structid.models.base import Map, Model
 
 KEPT_EXCITATIONS = 8
-"""Prepared excitations that a model keeps; `InLanes` keeps as many compiled functions."""
+"""Number of prepared excitations that a model keeps, equal to the number of compiled functions that `InLanes` keeps."""
 
 
 @dataclass(frozen=True)
 class TracedExcitation:
-    """An excitation inside JAX: its static properties, and its values as traced arrays.
+    """An excitation inside JAX, with static properties and traced values.
 
-    Kind, step and length are static: other ones need another compilation. The values are an argument of the compiled function. A
-    model receives this instead of an `Excitation`, so that it cannot keep the values of the first record.
+    Kind, time step and length are static: each combination needs its own compilation. The values are an argument of the compiled
+    function. A model receives this object instead of an `Excitation`, so that it cannot keep the values of the first record.
     """
 
     kind: str  # `Excitation.kind`
     dt: float  # time step [s]
     samples: int  # number of samples
-    lead_in_periods: int  # periods simulated and discarded first
+    lead_in_periods: int  # number of initial periods that are simulated and discarded
     interpolation: str  # interpolation between samples
     identity: str  # hash of the whole excitation, for a model restricted to its own records; otherwise empty
-    # Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The last row
-    # continues the record straight: its start is the last sample, with its slope, and the steps from there on are
-    # nobody's
+    # Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The additional
+    # last row starts at the last sample and continues the record with its last slope. The steps after the last sample
+    # are not used
     stages: Any
 
     @classmethod
@@ -63,12 +63,12 @@ class TracedExcitation:
 
     @property
     def dropped_samples(self) -> int:
-        """Samples of the lead-in, which a response omits."""
+        """Number of lead-in samples, which are not part of a response."""
         return self.lead_in_periods * self.samples
 
 
 def _continued(stages: np.ndarray) -> np.ndarray:
-    """The same stages and one more row, extrapolated with the last slope."""
+    """Append one row of stages, extrapolated with the last slope."""
     middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
     on = end + np.multiply.outer(np.arange(3.0), end - middle)
     return np.concatenate([stages, np.broadcast_to(on, (1, *stages.shape[1:]))])
@@ -82,48 +82,48 @@ jax.tree_util.register_dataclass(
 
 
 class Shortcut(ABC):
-    """A direct way from parameters to a likelihood of measurements, without the response.
+    """A direct computation of the likelihood of measurements from parameters, without the response.
 
-    A JAX tree: its arrays are arguments of the compiled density.
+    A shortcut is a JAX tree, whose arrays are arguments of the compiled density.
     """
 
     @abstractmethod
     def for_runs(self, measurement: Int[Array, " run"]) -> Self:
-        """Assign each run a measurement of its own."""
+        """Assign a separate measurement to each run."""
 
     @abstractmethod
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Sum over time of (measured − response)², inside JAX."""
+        """Return the sum over time of (measured − response)², inside JAX."""
 
     @abstractmethod
     def marginal_log_likelihood(
         self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
     ) -> tuple[Any, Any] | None:
-        """Log density of the measurement with independent errors, marginalised over the model's own error, inside JAX."""
+        """Return the log density of the measurement for independent errors, marginalised over the model's error, inside JAX."""
 
 
 class TraceableModel(Model):
     """A model whose response is a pure JAX function of many runs.
 
-    Inside JAX histories are [time, channel, run], as the scan over time makes them and as vector units like them; `simulate`
-    turns them into [run, time, channel].
+    Inside JAX, histories have the axes [time, channel, run], which suit the scan over time and vector units. `simulate` returns
+    them as [run, time, channel].
 
     Attributes
     ----------
     loops : bool
-        Whether a response is a loop over time, which XLA runs on one core, so that batches are shared out over the cores.
+        Whether a response is a loop over time. XLA runs the loop on one core, so that batches are divided among the cores.
     own_records : bool
-        Whether it knows the response only to certain records, as a surrogate may.
+        Whether the model is restricted to certain records, as some surrogates are.
     hint_where_not_finite : str
-        What is added to the reason of a run that leaves the finite range: what may be done about it.
+        Advice that is appended to the reason of a run with non-finite values.
     steps_setting : str
-        Name of the setting that says how many integration steps are made; empty for a model whose steps are not counted.
+        Name of the setting for the number of integration steps; empty for a model without such a setting.
     substeps : int
         Integration steps per sample.
 
     Examples
     --------
-    The same response as a JAX function, which brings gradients:
+    The same response as a JAX function, which has gradients:
 
     >>> import structid as si
     >>> from structid.models.traceable import TraceableModel
@@ -149,11 +149,11 @@ class TraceableModel(Model):
 
     @property
     def can_drift(self) -> bool:
-        """Whether its parameters may change during the response; see `Model.can_drift`."""
+        """Whether the parameters may change during the response; see `Model.can_drift`."""
         return self.loops and self.stand_in is None
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop | None:
-        """Give the loop over time that the response is, inside JAX, for a model whose response is one.
+        """Return the loop over time inside JAX, for a model whose response is such a loop.
 
         Parameters
         ----------
@@ -165,12 +165,12 @@ class TraceableModel(Model):
         Returns
         -------
         TimeLoop or None
-            None for a model that responds in another way, and says how in `response`.
+            None for a model that computes its response differently, in `response`.
         """
         return None
 
     def static_force(self, theta: Float[Array, "run parameter"]) -> RestoringForce | None:
-        """Give the force of its structure against displacements that are imposed on it, inside JAX.
+        """Return the restoring force of the structure under imposed displacements, inside JAX.
 
         Parameters
         ----------
@@ -180,12 +180,12 @@ class TraceableModel(Model):
         Returns
         -------
         RestoringForce or None
-            Of as many runs; None for a model on which no displacements can be imposed.
+            Force for all runs; None for a model without imposed displacements.
         """
         return None
 
     def response(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond inside JAX.
+        """Compute the response inside JAX.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class TraceableModel(Model):
         Returns
         -------
         tuple of jax.Array
-            Values (time, channel, run), and which runs can be used (run,): their state stayed finite, and was followed.
+            Values (time, channel, run), and a mask of the usable runs (run,), with a finite state and sufficiently short steps.
         """
         loop = self.time_loop(theta, excitation)
         if loop is None:
@@ -205,17 +205,17 @@ class TraceableModel(Model):
         return loop.run()
 
     def steps_in_sample(self, excitation: Excitation) -> int:
-        """Count the integration steps from one sample to the next; `substeps` unless they depend on the excitation.
+        """Count the integration steps between samples: `substeps`, unless the number depends on the excitation.
 
         Parameters
         ----------
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
 
         Returns
         -------
         int
-            One or more.
+            Number of steps, 1 or more.
         """
         return self.substeps
 
@@ -225,12 +225,12 @@ class TraceableModel(Model):
         Parameters
         ----------
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
 
         Returns
         -------
         TracedExcitation
-            With the values that this model's integration needs.
+            Excitation with the values needed for the integration.
         """
         kept, key = self._traced_excitations, excitation.content_hash
         if key not in kept:
@@ -241,27 +241,27 @@ class TraceableModel(Model):
 
     @cached_property
     def _traced_excitations(self) -> dict[str, TracedExcitation]:
-        """Prepared excitations by content hash, so that compiled responses are reused."""
+        """Prepared excitations by content hash, so that their compiled responses can be reused."""
         return {}
 
     def shortcut(
         self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
     ) -> Shortcut | None:
-        """Give a shorter way to the likelihood of measurements, for a model that has one.
+        """Return a direct computation of the likelihood of measurements, if the model has one.
 
         Parameters
         ----------
         excitation : Excitation
-            What drives the model.
+            Excitation of the model.
         values : ndarray, shape (time, channel, measurement)
             The measurements.
         channels : tuple of str
-            Their channels.
+            Channels of the measurements.
 
         Returns
         -------
         Shortcut or None
-            None where there is no shorter way than the response.
+            None for a model that needs the response.
         """
         return None
 
@@ -272,24 +272,24 @@ class TraceableModel(Model):
         progress: Progress | None = None,
         map: Map | None = None,
     ) -> Histories:
-        """Run rows of parameters in batches, distributed over the machine's cores."""
+        """Run rows of parameters in batches, distributed over the cores of the machine."""
         traced, parts = self.traced(excitation), []
         for start in range(0, len(theta), LARGEST_BATCH):
             parts.append(self._compiled_response(theta[start : start + LARGEST_BATCH], traced))
             if progress is not None:
                 progress(min(start + LARGEST_BATCH, len(theta)), len(theta))
-        # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
+        # The axes in memory are [time, channel, run]; the result is a view [run, time, channel] without a copy.
         values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
         finite = _joined([p[1] for p in parts])
         too_long = functools.partial(self._too_long, excitation)
         return _with_status(values, finite, excitation, self.channel_units, too_long, self.hint_where_not_finite)
 
     def _too_long(self, excitation: Excitation) -> str:
-        """Explain a run that stayed finite and is still invalid."""
+        """Explain why a run with finite values is invalid."""
         steps = self.steps_in_sample(excitation)
         return (
-            f"the integration step, {excitation.dt / steps:.3g} s ({steps} in a sample), is too long for the stiffness or the "
-            "hysteretic law; give more substeps, or a finer record"
+            f"the integration step, {excitation.dt / steps:.3g} s ({steps} per sample), is too long for the stiffness or the "
+            "hysteretic law; use more substeps or a finer record"
         )
 
     @cached_property
@@ -300,7 +300,7 @@ class TraceableModel(Model):
 def as_traceable(
     model: Model, where: str, allowed: str = "a built-in model or a surrogate", cure: str = ""
 ) -> TraceableModel:
-    """Return a model that declares itself traceable, as a `TraceableModel`; refuse any other."""
+    """Return a model as a `TraceableModel`, or refuse it if it is not traceable."""
     if not model.traceable:
         raise InputError(where, f"a {type(model).__name__}, which has no derivatives", allowed, cure)
     return cast(TraceableModel, model)
@@ -318,11 +318,11 @@ def _with_status(
     too_long: Callable[[], str],
     hint: str,
 ) -> Histories:
-    """Mark invalid runs: those with a state that is not finite, or with steps too long for the law."""
+    """Mark invalid runs, which have a non-finite state or steps too long for the law."""
     time, reasons = np.full(len(values), np.nan), [""] * len(values)
     for run in np.flatnonzero(~usable):
         good = np.isfinite(values[run]).all(axis=1)
-        # Where the steps were too long, it is not known from when on the history is wrong.
+        # If the steps were too long, the time at which the history becomes wrong is unknown.
         first_bad = 0 if good.all() else int(np.argmin(good))
         values[run, first_bad:] = np.nan
         time[run] = first_bad * excitation.dt

@@ -1,4 +1,4 @@
-"""Deterministic calibration: minimise a misfit over a box and linear inequalities from many starting points."""
+"""Deterministic calibration: minimise a misfit within bounds and linear inequalities from many starting points."""
 
 from __future__ import annotations
 

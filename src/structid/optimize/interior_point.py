@@ -48,7 +48,7 @@ def interior_point(
     iterations: int = 200,
     progress: Any = None,
 ) -> OptimizeResult:
-    """Minimise with exact gradients, kept inside the region by a barrier that vanishes.
+    """Minimise with exact gradients, inside the region by a vanishing barrier.
 
     ::
 

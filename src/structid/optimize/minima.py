@@ -14,7 +14,7 @@ from structid.core.units import label
 from structid.optimize.region import Objective, Region
 
 SAME_POINT = 1e-3
-"""End points closer than this, as a fraction of the box, are the same minimum."""
+"""End points closer than this, as a fraction of the range between bounds, are the same minimum."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def pattern_search(
     """Minimise by polling along a set of directions that spans the feasible cone.
 
     At every iteration each start polls along d directions in both senses and, near a face, along directions within the face and
-    away from it. If a poll improves the objective, the best one is taken and the step is doubled; otherwise the step is halved.
+    away from it. If a poll improves the objective, the best poll is taken and the step is doubled; otherwise the step is halved.
     Steps are cut at the boundary, so every poll is feasible. All starts poll in one batch.
 
     The misfit of a hysteretic model is so ill-conditioned (scaled condition number 7e5 in the benchmark study) that polls along
@@ -68,10 +68,10 @@ def pattern_search(
     seed : int
         Seed of the starting points.
     whiten : bool, optional
-        Whiten by the curvature, which needs an objective with derivatives. By default done if there are derivatives. False
-        polls along the coordinates.
+        Whiten by the curvature, which needs an objective with derivatives. The default is to do so if there are derivatives.
+        False polls along the coordinates.
     tolerance : float
-        Step, as a fraction of the box, at which a search ends.
+        Step, as a fraction of the range between bounds, at which a search ends.
     iterations : int
         Largest number of iterations.
     progress : callable, optional
@@ -114,7 +114,7 @@ def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
     best = int(np.argmin(found)) if found.size else -1
     if best >= 0 and found[best] < search.value:
         search.x, search.value = search.polls[best], float(found[best])
-        # The new step comes from the length of the poll, which a face may have cut. Otherwise ever smaller gains keep it large.
+        # The new step comes from the length of the poll, which a face may have cut. Otherwise, ever smaller gains keep it large.
         search.step = min(search.lengths[best] * EXPANSION, 1.0)
     else:
         search.step *= CONTRACTION

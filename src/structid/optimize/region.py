@@ -1,4 +1,4 @@
-"""The feasible region: a box and linear inequalities, in coordinates scaled to the box."""
+"""The feasible region: bounds and linear inequalities, in coordinates scaled to the bounds."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the box 0 ≤ x ≤ 1."""
+    """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the bounds 0 ≤ x ≤ 1."""
 
-    low: Float[np.ndarray, " parameter"]  # lower bounds of the box in SI
-    width: Float[np.ndarray, " parameter"]  # widths of the box in SI
+    low: Float[np.ndarray, " parameter"]  # lower bounds in SI
+    width: Float[np.ndarray, " parameter"]  # upper minus lower bounds in SI
     matrix: Float[np.ndarray, "constraint parameter"]  # A with rows of unit length
     limit: Float[np.ndarray, " constraint"]  # b
-    faces: tuple[str, ...]  # name of each constraint: the parameter for the box, else the inequality
+    faces: tuple[str, ...]  # name of each constraint: the parameter of a bound, or the inequality
 
     def to_theta(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Convert scaled coordinates to SI."""
@@ -79,8 +79,8 @@ class Region:
                 return inside[:count]
         raise InputError(
             "constraints",
-            "almost no point of the box satisfies them",
-            "inequalities that leave room in the box",
+            "almost no point within the bounds satisfies them",
+            "inequalities that leave a feasible region within the bounds",
         )
 
 
@@ -92,7 +92,7 @@ def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, 
     box = np.where(np.isfinite(box), box, tails)
     for name, pair in (bounds or {}).items():
         if name not in names:
-            raise InputError("bounds", f"'{name}'", ", ".join(names))
+            raise InputError("bounds", f"unknown name '{name}'", ", ".join(names))
         box[names.index(name)] = pair
     if not (box[:, 0] < box[:, 1]).all():
         name = names[int(np.argmin(box[:, 1] - box[:, 0]))]
@@ -119,7 +119,7 @@ def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
     function, needed = parse_expression(f"({left}) - ({right})", f"constraint '{text}'")
     for name in needed:
         if name not in names:
-            raise InputError(f"constraint '{text}'", f"'{name}'", ", ".join(names))
+            raise InputError(f"constraint '{text}'", f"unknown name '{name}'", ", ".join(names))
 
     def at(point: np.ndarray) -> float:
         return float(function(dict(zip(names, point, strict=True))))

@@ -1,4 +1,4 @@
-"""Smooth maps between ℝᵈ and a box, coordinate by coordinate, for samplers without bounds."""
+"""Smooth maps between ℝᵈ and bounded parameter ranges, coordinate by coordinate, for samplers without bounds."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from structid.core.arrays import Array
 class Scatter(NamedTuple):
     """Standardised values b_k scattered about another parameter: the model depends on x_k = μ + d b_k.
 
-    Data determine b_k only through x_k, so that a sampler would have to follow a curved ridge. The coordinates are therefore
-    those of x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
+    Data determine b_k only through x_k, so that a sampler would have to follow a curved ridge. The coordinates therefore
+    describe x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
     """
 
     mean: int  # index of μ among the parameters
@@ -28,7 +28,7 @@ class Scatter(NamedTuple):
 
 
 class Bijection:
-    """Map from ℝᵈ to a box: logistic for a coordinate with two bounds, exponential for one bound, a scale for none."""
+    """Map from ℝᵈ to parameter ranges: logistic for two bounds, exponential for one bound, a scale factor without bounds."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class Bijection:
     ) -> None:
         self.bounds, self.scatters = np.asarray(bounds, dtype=np.float64).reshape(-1, 2), tuple(scatters)
         self.logarithmic = tuple(logarithmic)
-        self._walls = self.bounds.copy()  # of the map's image
+        self._walls = self.bounds.copy()  # bounds of the map's image
         self._walls[list(self.logarithmic)] = 0.0, np.inf
         free = ~np.isfinite(self.bounds).any(axis=1)
         self.scales = np.where(free, 1.0 if scales is None else scales, 1.0)
@@ -59,12 +59,12 @@ class Bijection:
 
     @cached_property
     def _kinds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which coordinates have two bounds, only a lower one, only an upper one."""
+        """Masks of coordinates with two bounds, with only a lower bound, and with only an upper bound."""
         has_low, has_high = np.isfinite(self._walls).T
         return has_low & has_high, has_low & ~has_high, has_high & ~has_low
 
     def forward(self, phi: Float[Array, "... parameter"]) -> tuple[Any, Any]:
-        """Map ℝᵈ to the box, inside JAX."""
+        """Map ℝᵈ to the parameter ranges, inside JAX."""
         from structid.engine.device import jnp
 
         points, jacobian = [], jnp.zeros(phi.shape[:-1])
@@ -80,7 +80,7 @@ class Bijection:
         return jnp.stack(points, axis=-1), jacobian
 
     def __call__(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map ℝᵈ to the box on the host; ten times as fast as `forward` for few points."""
+        """Map ℝᵈ to the parameter ranges on the host; ten times as fast as `forward` for few points."""
         x = phi * self.scales
         if not np.isfinite(self.bounds).any():
             return x, np.full(len(phi), np.log(self.scales).sum())
@@ -88,7 +88,7 @@ class Bijection:
         low, high = self._walls.T
         theta, log_slope = x.copy(), np.zeros_like(x)
         with np.errstate(over="ignore", invalid="ignore"):
-            # Short of the bounds, so that no point has a density of none by rounding alone.
+            # Clipped short of the bounds, so that rounding alone gives no point zero density.
             share = np.clip(scipy.special.expit(x[:, between]), np.finfo(float).tiny, 1.0 - np.finfo(float).eps)
             width = high[between] - low[between]
             theta[:, between] = low[between] + width * share
@@ -105,7 +105,7 @@ class Bijection:
         return theta, jacobian
 
     def inverse(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Map the inside of the box to ℝᵈ, on the host."""
+        """Map the inside of the parameter ranges to ℝᵈ, on the host."""
         between, above, below = self._kinds
         low, high = self._walls.T
         theta = np.asarray(theta, dtype=np.float64)
@@ -127,7 +127,7 @@ def _coordinate(x: Array, low: float, high: float) -> tuple[Array, Array]:
     from structid.engine.device import jnp
 
     if np.isfinite(low) and np.isfinite(high):
-        # Short of the bounds, so that no point has a density of none by rounding alone.
+        # Clipped short of the bounds, so that rounding alone gives no point zero density.
         share = jnp.clip(jax.scipy.special.expit(x), np.finfo(float).tiny, 1.0 - np.finfo(float).eps)
         width = high - low
         return low + width * share, -jax.nn.softplus(x) - jax.nn.softplus(-x) + jnp.log(width)

@@ -42,7 +42,7 @@ def _of_pairs(given: Mapping[tuple[str, str], float], names: Sequence[str]) -> n
     for pair, value in given.items():
         for name in pair:
             if name not in names:
-                raise InputError("correlation", f"the name '{name}'", ", ".join(names), suggestion(name, names))
+                raise InputError("correlation", f"unknown name '{name}'", ", ".join(names), suggestion(name, names))
         if not -1.0 < value < 1.0:
             raise InputError(f"correlation of {' and '.join(pair)}", f"{value!r}", "a number between -1 and 1")
         i, j = (names.index(n) for n in pair)

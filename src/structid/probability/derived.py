@@ -19,7 +19,7 @@ def derivations(
     functions: dict[str, Derivation] = {}
     for name, source in sources.items():
         if name in sampled:
-            raise InputError(f"{called} '{name}'", "a name that is taken", "a new name", "Remove one of them.")
+            raise InputError(f"{called} '{name}'", "a name that is already used", "a new name", "Rename it.")
         functions[name] = source if callable(source) else _of_text(f"{called} '{name}'", source, [*sampled, *functions])
     return functions
 

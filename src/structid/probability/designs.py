@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DENSITY_POINTS = 200
-"""Points at which a prior's density is drawn."""
+"""Number of points at which a prior's density is plotted."""
 
 METHODS = {
     "latin_hypercube": Purpose.LATIN_HYPERCUBE,
@@ -56,7 +56,7 @@ class Design:
     """
 
     values: np.ndarray
-    space: Any  # a ParameterSpace, which is a floor above
+    space: Any  # a ParameterSpace, whose module imports this one
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,14 +70,14 @@ class Design:
         return Design(self.values[rows], self.space)
 
     def __add__(self, more: Design) -> Design:
-        """The points of this design followed by those of another design of the same space."""
+        """The points of this design, followed by the points of another design of the same space."""
         if not isinstance(more, Design) or more.space.content_hash != self.space.content_hash:
             came = f"a {type(more).__name__} of another space"
             raise InputError("Design + Design", came, "a design of the same space")
         return Design(np.vstack([self.values, more.values]), self.space)
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Values of named parameters, derived ones included.
+        """Values of named parameters, including derived parameters.
 
         Parameters
         ----------
@@ -92,17 +92,17 @@ class Design:
         return np.asarray(self.space.columns(self.values, names))
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the points, such as samples of a prior: every parameter, and every pair of them (the thesis's figure 3.8).
+        """Plot the points, such as samples of a prior: every parameter, and every pair of parameters (the thesis's figure 3.8).
 
         Parameters
         ----------
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; PNG and PDF files are written.
 
         Returns
         -------
         matplotlib.figure.Figure
-            In display units; the prior's density is drawn over the histograms.
+            Figure in display units, with the prior's density over the histograms.
 
         Raises
         ------

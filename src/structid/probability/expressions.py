@@ -47,7 +47,7 @@ def _check(node: ast.AST, text: str, where: str, names: list[str]) -> None:
             if name not in _FUNCTIONS:
                 raise InputError(
                     where,
-                    f"function '{name}' in '{text}'",
+                    f"unknown function '{name}' in '{text}'",
                     ", ".join(_FUNCTIONS),
                     suggestion(name, _FUNCTIONS),
                 )

@@ -64,7 +64,7 @@ def _beta_log_density(y: Array, p: Parameters) -> Array:
     """Compute log f = (a − 1) log y + (b − 1) log(1 − y) − log B(a, b)."""
     powers = jnp.array([p["concentration1"], p["concentration0"]])
     log_beta = jnp.sum(gammaln(powers)) - gammaln(jnp.sum(powers))
-    # At the ends of [0, 1] a safe value takes the place of y: the derivative would be NaN.
+    # At the ends of [0, 1] a safe value replaces y, since the derivative would be NaN.
     inside = (y > 0.0) & (y < 1.0)
     both = jnp.stack([jnp.where(inside, y, 0.5), jnp.where(inside, 1.0 - y, 0.5)], axis=-1)
     log_density = jnp.sum(jnp.log(both) * (powers - 1.0), axis=-1) - log_beta
@@ -105,4 +105,4 @@ JAX_DISTRIBUTIONS = {
     "Weibull": JaxDistribution(_weibull_log_density, _weibull_cdf),
     "Gumbel": JaxDistribution(_gumbel_log_density, _gumbel_cdf),
 }
-"""By family; any other distribution is evaluated on the host."""
+"""JAX functions by family; any other distribution is evaluated on the host."""

@@ -107,7 +107,7 @@ def LogNormal(
     high: float | None = None,
     unit: str = "",
 ) -> Marginal:
-    """Lognormal distribution, from its own moments or from those of its logarithm; optionally truncated.
+    """Lognormal distribution, from its own moments or from the moments of its logarithm; optionally truncated.
 
     Parameters
     ----------
@@ -376,7 +376,7 @@ def Frozen(distribution: Any, low: float | None = None, high: float | None = Non
             "Frozen(distribution)",
             f"{distribution!r}, which is one of SciPy's new distributions",
             "a frozen distribution of scipy.stats such as scipy.stats.norm(1.0, 2.0)",
-            "The new ones have no parameters that could be stored and compared; the frozen ones are the same distributions.",
+            "Use the equivalent frozen distribution, since new distributions have no parameters that can be stored and compared.",
         )
     if not all(hasattr(distribution, name) for name in ("logpdf", "cdf", "ppf", "sf", "isf", "support")):
         raise InputError("Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats")

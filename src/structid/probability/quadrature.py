@@ -12,7 +12,7 @@ import scipy
 def probability_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities p and weights w with ∫₀¹ f(p) dp = Σ w f(p), dense in both tails, where quantile functions are steep.
 
-    Gauss and Legendre's rule in φ, with p = sin²(φ).
+    Gauss-Legendre rule in φ, with p = sin²(φ).
     """
     nodes, weights = scipy.special.roots_legendre(count)
     angle = 0.25 * np.pi * (nodes + 1.0)

@@ -1,4 +1,4 @@
-"""Ranks of many numbers with ties, which particles that did not move cause."""
+"""Ranks of many numbers with ties, which unmoved particles cause."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 def ranks(values: np.ndarray) -> np.ndarray:
     """Rank numbers from 1 on; ties get their mean rank.
 
-    The result of `scipy.stats.rankdata` in less than half of its time: a sort that need not be stable takes a sixth.
+    The result equals `scipy.stats.rankdata` in less than half of its time, since an unstable sort takes a sixth of the time.
     """
     flat = np.ravel(values)
     order = np.argsort(flat)

@@ -29,7 +29,7 @@ class ParameterSpace(ShownAsText):
     Parameters
     ----------
     priors : mapping of str to Marginal, optional
-        One distribution for each parameter. A name that is no Python name, or one of the arguments below, needs this form:
+        One distribution for each parameter. A name that is no Python name, or that equals an argument below, needs this form:
         ``ParameterSpace({"derived": Normal(…)})``.
     correlation : mapping of pair of str to float, or ndarray (parameter, parameter), optional
         Correlation of the Gaussian copula: ``{("stiffness", "alpha"): 0.4}`` or the whole matrix.
@@ -37,8 +37,8 @@ class ParameterSpace(ShownAsText):
         Parameters derived from others: ``{"gamma": "gamma_ratio * beta"}``, or a function of a mapping from names to
         arrays that works on both NumPy and JAX arrays.
     coordinates : mapping of str to callable or str, optional
-        Functions of the parameters, in the same words, in which surrogates of a model are fitted where the response depends on
-        them more simply: ``{"log_stiffness": "log(strength**2 / energy)"}``. They change nothing else.
+        Functions of the parameters, in the same notation, in which surrogates are fitted, since the response depends on them
+        more simply: ``{"log_stiffness": "log(strength**2 / energy)"}``. They change nothing else.
     **marginals : Marginal
         Further parameters by name.
 
@@ -68,8 +68,8 @@ class ParameterSpace(ShownAsText):
             if isinstance(argument, Marginal):
                 raise InputError(
                     f"ParameterSpace({name})",
-                    "a prior",
-                    "an argument of this name",
+                    "a prior under the name of an argument",
+                    "a value of this argument",
                     f"Give a parameter of this name in a dictionary: ParameterSpace({{'{name}': …}}).",
                 )
         for name in (*marginals, *(derived or {}), *(coordinates or {})):
@@ -81,7 +81,7 @@ class ParameterSpace(ShownAsText):
                     f"ParameterSpace({name})",
                     f"SciPy's {scipys}" if scipys else f"{marginal!r}",
                     "a distribution such as structid.Uniform(0.0, 1.0)",
-                    "" if scipys else "A known value belongs in the model, not in the space.",
+                    "" if scipys else "Give a known value to the model, not to the space.",
                 )
         self.marginals: dict[str, Marginal] = dict(marginals)
         self._correlation = copula.correlation_matrix(correlation, self.names)
@@ -189,7 +189,7 @@ class ParameterSpace(ShownAsText):
         """
         repeated = sorted(set(marginals) & set(self.all_names))
         if repeated:
-            raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "a name once", "Rename one of them.")
+            raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "unique names", "Rename one of them.")
         correlation = None
         if self._correlation is not None:
             correlation = np.eye(self.dimension + len(marginals))
@@ -209,7 +209,7 @@ class ParameterSpace(ShownAsText):
     # --- values -------------------------------------------------------------------------------------------------
 
     def complete(self, theta: Any) -> dict[str, Any]:
-        """Values of all parameters by name, derived ones included.
+        """Values of all parameters by name, including derived parameters.
 
         Parameters
         ----------
@@ -244,7 +244,7 @@ class ParameterSpace(ShownAsText):
         missing = [n for n in names if n not in self.all_names]
         if missing:
             cure = suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model."
-            raise InputError("parameters", f"'{missing[0]}' is requested", ", ".join(self.all_names), cure)
+            raise InputError("parameters", f"unknown name '{missing[0]}'", ", ".join(self.all_names), cure)
         if tuple(names) == self.names:
             return theta
         if isinstance(theta, np.ndarray) and not self._derived:
@@ -266,7 +266,7 @@ class ParameterSpace(ShownAsText):
         Returns
         -------
         array, shape (..., coordinate)
-            Of the kind that `theta` is.
+            Array of the same kind as `theta`.
         """
         values = self.complete(theta)
         columns = [of(values) for of in self._coordinates.values()]
@@ -277,7 +277,7 @@ class ParameterSpace(ShownAsText):
         return jnp.stack([jnp.broadcast_to(c, theta.shape[:-1]) for c in columns], axis=-1)
 
     def sample(self, count: int, seed: int, method: str = "latin_hypercube", widen: float = 1.0) -> Design:
-        """Draw a design from the prior, or from a wider one.
+        """Draw a design from the prior, or from a wider distribution.
 
         Parameters
         ----------
@@ -422,8 +422,8 @@ class ParameterSpace(ShownAsText):
     def bijection(self) -> Bijection:
         """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation.
 
-        In a space with coordinates, bounded positive parameters are mapped by their logarithms and not to their bounds: such
-        coordinates are ratios and products, and posteriors are narrow ridges along them.
+        In a space with coordinates, bounded positive parameters are mapped by their logarithms instead of to their bounds. Such
+        coordinates are ratios and products, along which posteriors are narrow ridges.
         """
         quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)
         positive = np.isfinite(self.bounds).all(axis=1) & (self.bounds[:, 0] > 0.0)
@@ -438,7 +438,7 @@ class ParameterSpace(ShownAsText):
 
 
 def _is_correlation(priors: object) -> bool:
-    """Whether a first argument is a correlation, which once came first."""
+    """Whether the first argument is a correlation, as in an older signature."""
     if isinstance(priors, Mapping):
         return bool(priors) and all(isinstance(pair, tuple) for pair in priors)
     rows = priors if isinstance(priors, (list, tuple)) else ()
@@ -456,8 +456,8 @@ def _by_name(priors: object, marginals: dict[str, Marginal]) -> dict[str, Margin
             "ParameterSpace",
             "a first argument that is no dictionary of priors",
             "priors by name: ParameterSpace(stiffness=Normal(…), …) or ParameterSpace({'stiffness': Normal(…), …})",
-            "A correlation is given by its name: correlation=…",
+            "Give a correlation by its keyword: correlation=….",
         )
     if repeated := sorted(set(priors) & set(marginals)):
-        raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "a name once", "Rename one of them.")
+        raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "unique names", "Rename one of them.")
     return {**priors, **marginals}

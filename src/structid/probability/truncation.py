@@ -27,15 +27,15 @@ SMALLEST_MASS = 1e-6
 def out_of_order(low: float, high: float) -> str:
     """Advice on bounds in the wrong order."""
     if low > high:
-        return "Exchange them."
-    return "A value that is known belongs in the model." if low == high else ""
+        return "Exchange the bounds."
+    return "Give a known value to the model." if low == high else ""
 
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
     """Prior distribution of one parameter. Numbers in the constructor are in `unit`; all results are in SI.
 
-    Make one with `Uniform`, `Normal`, `LogNormal`, `Gamma`, `Beta`, `Weibull`, `Gumbel` or `Frozen`.
+    Create a marginal with `Uniform`, `Normal`, `LogNormal`, `Gamma`, `Beta`, `Weibull`, `Gumbel` or `Frozen`.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Marginal:
     base : scipy.stats frozen distribution
         The untruncated distribution, in `unit`.
     parameters : dict
-        Native parameters, for `JAX_DISTRIBUTIONS`; empty where the family is not one of these.
+        Native parameters, for `JAX_DISTRIBUTIONS`; empty if the family is not in this table.
     low, high : float
         Truncation, in `unit`; infinite for none.
     unit : str
@@ -70,7 +70,7 @@ class Marginal:
         if not self._mass > SMALLEST_MASS:
             raise InputError(
                 f"{self.family}(low, high)",
-                f"[{self.low:g}, {self.high:g}] holds {self._mass:.1e} of the distribution with mean {self.base.mean():g} "
+                f"[{self.low:g}, {self.high:g}] contains {self._mass:.1e} of the distribution with mean {self.base.mean():g} "
                 f"and sd {self.base.std():g}",
                 f"a truncation that keeps more than {SMALLEST_MASS:g} of it",
                 "Check the units of the bounds and of the moments.",
@@ -84,7 +84,7 @@ class Marginal:
 
     @functools.cached_property
     def _mass(self) -> float:
-        # The difference of survival functions is the more exact one in the upper tail.
+        # In the upper tail, the difference of survival functions is more exact.
         lower = self.base.cdf(self.high) - self.base.cdf(self.low)
         upper = self.base.sf(self.low) - self.base.sf(self.high)
         return float(max(lower, upper))
@@ -255,7 +255,7 @@ class Marginal:
             "numpyro": [
                 self.family if self.parameters else "",
                 self.parameters,
-            ],  # called so by the first layout of stores
+            ],  # the name in the first layout of stores
             "low": self.low,
             "high": self.high,
             "unit": self.unit,
@@ -280,7 +280,7 @@ class Marginal:
         return cls(plain["family"], base, plain["numpyro"][1], plain["low"], plain["high"], plain["unit"])
 
     def __str__(self) -> str:
-        # In the words of the user, before a truncation; native parameters may be a location and a scale of the logarithm.
+        # Moments before truncation, as the user gave them; native parameters may be location and scale of the logarithm.
         moments = {"mean": self.base.mean(), "sd": self.base.std()}
         native_or_moments = self.parameters if self.family == "Uniform" else moments
         inside = ", ".join(f"{k} {v:.6g}" for k, v in native_or_moments.items())

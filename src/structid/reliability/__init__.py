@@ -1,1 +1,1 @@
-"""Passages of a limit over the parameters of a model and over its posterior, fragility, sensitivity."""
+"""First passages of a limit over a prior and over a posterior, fragility, sensitivity."""

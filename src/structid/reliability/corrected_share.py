@@ -1,4 +1,4 @@
-"""A fraction estimated by a surrogate, corrected by its errors in some model runs."""
+"""A fraction that a surrogate estimates, corrected by the surrogate's errors in some model runs."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from jaxtyping import Float
 def corrected_share(
     found: Float[np.ndarray, " draw"], checked: Float[np.ndarray, " check"], true: Float[np.ndarray, " check"]
 ) -> tuple[float, float]:
-    """Correct a fraction by the difference observed in model runs.
+    """Correct the surrogate's fraction by its mean difference from some model runs.
 
     ::
 
     p̂ = mean(I_s) + mean(I_t − I_s),    var p̂ = p (1 − p)/N + (q − d̄²)/m
 
-    The first mean is over all N draws, the second, d̄, over m of them; q is the fraction of those on which surrogate and model
-    disagree. In the variance, p and q are (k + ½)/(n + 1) for k of n, since runs without a passage or a disagreement do not prove
-    that there is none.
+    The first mean covers all N draws; the second mean, d̄, covers m draws. q is the fraction of these m draws for which surrogate
+    and model disagree. The variance uses (k + ½)/(n + 1) instead of k/n for p and q: a count of zero in a finite sample does not
+    prove a probability of zero.
     """
     finite = found[np.isfinite(found)]
     if not len(finite):

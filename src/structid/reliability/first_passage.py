@@ -1,4 +1,4 @@
-"""When a response first passes a limit."""
+"""Time of the first passage of a limit by a response."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from structid.histories import Histories
 
 @check_arguments
 def first_passage(histories: Histories, channel: str, limit: float) -> np.ndarray:
-    """Find when the absolute value of a channel first exceeds a limit, on the straight line between two samples.
+    """Time at which the absolute value of a channel first exceeds a limit, interpolated linearly between samples.
 
     Parameters
     ----------
     histories : Histories
-        The runs.
+        Response histories of the runs.
     channel : str
-        Which of their channels, such as ``"drift"``.
+        Name of the channel, such as ``"drift"``.
     limit : float
-        In the channel's SI unit.
+        Limit in the channel's SI unit.
 
     Returns
     -------
     ndarray, shape (run,)
-        Times [s]; NaN for a run that stays within the limit as far as it goes.
+        Times [s]; NaN for a run that stays within the limit until its end.
 
     Raises
     ------
     InputError
-        If a run begins beyond the limit.
+        If a run starts beyond the limit.
 
     Examples
     --------
@@ -44,8 +44,8 @@ def first_passage(histories: Histories, channel: str, limit: float) -> np.ndarra
     """
     values = np.abs(histories.channel(channel))
     if not limit > 0.0 or (values[:, 0] >= limit).any():
-        cure = f"The runs begin at {values[:, 0].max():g}."
-        raise InputError("first_passage(limit)", f"{limit:g}", "a positive limit beyond where every run begins", cure)
+        cure = f"Choose a limit above {values[:, 0].max():g}."
+        raise InputError("first_passage(limit)", f"{limit:g}", "a positive limit above every run's initial value", cure)
     beyond = values > limit
     at = beyond.argmax(axis=1)
     runs = np.arange(len(values))

@@ -1,4 +1,4 @@
-"""Probability that a structure passes a limit or fails, given the data, for records of increasing strength."""
+"""Probability that a structure exceeds a limit or fails, given the data, for records of increasing strength."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESAMPLES = 200
-"""Resamples of records and draws for the error of a fitted curve."""
+"""Number of resamples of the records and draws for the error of the fitted curve."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fragility(ShownAsText):
-    """Probability of a passage or of a failure, given the data, over the strength of the ground motion.
+    """Probability of a passage or a failure, given the data, as a function of the strength of the ground motion.
 
     Parameters
     ----------
     channel : str
-        Whose absolute value passes.
+        Channel whose absolute value is compared with the limit.
     limit : float
-        In the channel's SI unit.
+        Limit in the channel's SI unit.
     levels : ndarray, shape (level,)
         Peak ground accelerations [m/s²].
     records : tuple of str
         Names of the records.
     passed : ndarray, shape (draw, record, level)
-        1 where a draw's response to a record passes or the structure fails, 0 where not, NaN where the run failed otherwise.
+        1 if the response passes the limit or the structure fails, 0 otherwise; NaN if the run failed for another reason.
     of_each : ndarray, shape (record, level)
-        The probability for each record over the draws, corrected by model runs where a surrogate stood in.
+        Probability for each record, over the draws; corrected by model runs where a surrogate replaced the model.
     error_of_each : ndarray, shape (record, level)
-        Its standard error: of the draws, and of the correction.
+        Standard error of `of_each`, from the number of draws and from the correction.
     true_runs : int
-        Runs of the model itself.
+        Number of model runs.
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     """
 
     channel: str
@@ -78,7 +78,7 @@ class Fragility(ShownAsText):
 
     @property
     def error(self) -> np.ndarray:
-        """Standard error of `probability`, shape (level,): scatter over the records, or that of the draws for one record."""
+        """Standard error of `probability`, shape (level,): from the scatter over the records; for one record, from the draws."""
         count = len(self.records)
         within = np.sqrt((self.error_of_each**2).sum(axis=0)) / count
         if count == 1:
@@ -86,17 +86,17 @@ class Fragility(ShownAsText):
         return np.asarray(np.maximum(self.of_each.std(axis=0, ddof=1) / np.sqrt(count), within))
 
     def band(self, probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
-        """What the data leave open: the central interval over the draws of the share of the records that each passes.
+        """Central interval, over the draws, of the fraction of records that pass: the uncertainty that the data leave.
 
         Parameters
         ----------
         probability : float
-            Of the interval.
+            Probability of the interval.
 
         Returns
         -------
         tuple of ndarray, shape (level,)
-            Lower and upper edge.
+            Lower and upper bounds.
         """
         finite = np.isfinite(self.passed).sum(axis=1)
         shares = np.where(finite > 0, np.nansum(self.passed, axis=1) / np.maximum(finite, 1), np.nan)
@@ -108,20 +108,20 @@ class Fragility(ShownAsText):
     def curve(self) -> tuple[float, float]:
         """Median θ [m/s²] and dispersion β of the fitted curve Φ(ln(a/θ)/β); NaN if the levels do not determine them.
 
-        By maximum likelihood of the numbers of records that pass (J. W. Baker 2015, doi 10.1193/021113EQS025M).
+        The fit maximises the likelihood of the number of records that pass (J. W. Baker 2015, doi 10.1193/021113EQS025M).
         """
         return _lognormal(self.levels, self.probability, len(self.records))
 
     @cached_property
     def curve_error(self) -> tuple[float, float]:
-        """Standard errors of ln θ and of β by resampling; NaN where too few resamples determine them."""
+        """Standard errors of ln θ and of β by resampling; NaN if too few resamples determine a curve."""
         if len(self._resampled) < RESAMPLES // 2:
             return float("nan"), float("nan")
         return float(np.log(self._resampled[:, 0]).std(ddof=1)), float(self._resampled[:, 1].std(ddof=1))
 
     @cached_property
     def _resampled(self) -> np.ndarray:
-        """Curves of resampled records and draws where determined, shape (resample, 2)."""
+        """Median and dispersion of the curves of resampled records and draws, where determined, shape (resample, 2)."""
         rng = stream(self.seed, Purpose.FRAGILITY_RESAMPLES)
         draws, records, _ = self.passed.shape
         curves = []
@@ -129,23 +129,23 @@ class Fragility(ShownAsText):
             rows, columns = rng.integers(draws, size=draws), rng.integers(records, size=records)
             shares = np.nanmean(self.passed[rows][:, columns], axis=(0, 1))
             curves.append(_lognormal(self.levels, shares, records))
-        each = np.array(curves)
-        return np.asarray(each[np.isfinite(each).all(axis=1)])
+        fits = np.array(curves)
+        return np.asarray(fits[np.isfinite(fits).all(axis=1)])
 
     def curve_band(self, at: Float[np.ndarray, " point"], probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
-        """Where the fitted curve would be with other records and draws: the central interval over resamples.
+        """Central interval of the fitted curve over resamples of the records and draws.
 
         Parameters
         ----------
         at : ndarray, shape (point,)
             Peak ground accelerations [m/s²].
         probability : float
-            Of the interval.
+            Probability of the interval.
 
         Returns
         -------
         tuple of ndarray, shape (point,)
-            Lower and upper edge; NaN where too few resamples tell a curve.
+            Lower and upper bounds; NaN if too few resamples determine a curve.
         """
         if len(self._resampled) < RESAMPLES // 2:
             return np.full(len(at), np.nan), np.full(len(at), np.nan)
@@ -165,7 +165,7 @@ class Fragility(ShownAsText):
         Returns
         -------
         Figure
-            One panel.
+            Figure with one panel.
         """
         from structid.figures import fragility as figures
 
@@ -214,49 +214,49 @@ def fragility(
     store: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Fragility:
-    """Find the probability that a structure passes a limit or fails, given the data.
+    """Estimate the probability that a structure exceeds a limit or fails, given the data.
 
-    The responses are those of `predict`: with the model's own error where the channel was measured, and with its drift. Each draw
-    is simulated on each record at each level. Where the model is expensive, a surrogate is fitted at each of them to the first
-    `training` draws, `checks` others are simulated too, and what the surrogate gets wrong among those corrects the share of the
-    rest: the estimate is unbiased however bad the surrogate is, and its error says what the correction leaves open.
+    Responses are predicted as in `predict`: with the model error if the channel was measured, and with parameter drift. Each draw
+    is simulated for each record and level. For an expensive model, one surrogate per record and level is fitted to `training`
+    draws. The model also simulates another `checks` draws, and the surrogate's errors there correct the estimate. The estimate
+    is unbiased for any surrogate, and its standard error includes the uncertainty of the correction.
 
     Parameters
     ----------
     posterior : Posterior
-        On the true model.
+        Posterior with the model itself, not a surrogate.
     draws : ndarray, shape (draw, parameter)
-        Of the posterior in SI, such as ``result.thinned(200)``.
+        Posterior draws in SI, such as ``result.thinned(200)``.
     records : sequence of GroundMotion
-        What may come.
+        Records of possible earthquakes.
     channel : str
-        Whose absolute value must pass; one that was measured has the model's error.
+        Channel whose absolute value is compared with the limit; a measured channel includes the model error.
     limit : float
-        In the channel's SI unit.
+        Limit in the channel's SI unit.
     levels : sequence of float, optional
-        Peak ground accelerations [m/s²] to which every record is scaled; of one record its own when left out.
+        Peak ground accelerations [m/s²] to which every record is scaled; default for a single record: its own peak.
     drift : ParameterDrift, optional
         See `predict`.
     surrogate : SurrogateSettings, optional
-        Stands in for the model at most draws, such as ``PODKriging()``; without one every draw is a model run.
+        Surrogate that replaces the model for most draws, such as ``PODKriging()``; default: every draw is a model run.
     training, checks : int
-        Draws it is fitted to, and draws that correct it.
+        Number of draws to which the surrogate is fitted, and number of draws that correct it.
     seed : int
-        Seed.
+        Seed of the random numbers.
     store : path-like, optional
-        A file for what is done; a killed computation continues from it.
+        File for finished results; a killed computation continues from it.
     progress : callable, optional
-        Called with the number of finished pairs of record and level, and their number.
+        Called with the number of finished pairs of record and level, and the total number of pairs.
 
     Returns
     -------
     Fragility
-        Probabilities with their errors, and the band of what the data leave open.
+        Probabilities with their standard errors, and the uncertainty band that the data leave.
 
     Raises
     ------
     InputError
-        If there is no record, several and no levels, a limit or a level that is not positive, or too few draws for a surrogate.
+        If there are no records, several records without levels, a limit or level that is not positive, or too few draws.
     StoreMismatchError
         If `store` belongs to another computation.
 
@@ -274,7 +274,7 @@ def fragility(
         raise InputError(
             "fragility(draws)",
             f"{len(draws)} draws",
-            f"more than {training + checks}: {training} train and {checks} check",
+            f"more than {training + checks} draws: {training} train the surrogate and {checks} check it",
         )
     pair = _Pair(posterior, draws, channel, float(limit), drift, surrogate, training, checks, seed)
     journal = None if store is None else Journal(store, pair.identity(motions))
@@ -295,7 +295,7 @@ def fragility(
 
 
 Found = tuple[np.ndarray, float, float]
-"""Passages, their fraction and its error, for one record at one level."""
+"""Passages, their fraction and the error of the fraction, for one record at one level."""
 
 
 def _entry(found: Found) -> dict[str, np.ndarray]:
@@ -327,7 +327,7 @@ class _Pair:
         return len(self.draws) if self.surrogate is None else self.training + self.checks
 
     def identity(self, motions: list[list[GroundMotion]]) -> dict[str, Any]:
-        """Everything on which the result depends."""
+        """All inputs on which the result depends."""
         settings = None if self.surrogate is None else [repr(self.surrogate), self.training, self.checks]
         return {
             "posterior": self.posterior.content_hash,
@@ -342,7 +342,7 @@ class _Pair:
 
     @cached_property
     def checking(self) -> Predictor:
-        """Apply the same errors to surrogate and model, so that they differ in their responses alone."""
+        """Predictor of the check draws, with the same errors for surrogate and model: only their responses differ."""
         some = self.draws[self.training : self.training + self.checks]
         return Predictor(self.posterior, some, self.seed, self.drift, scaled=False)
 
@@ -351,7 +351,7 @@ class _Pair:
             result = self.passed(self.predictor, motion)
             return result, *corrected_share(result, result[:0], result[:0])
         stand_in = fitted_stand_in(self.posterior, self.draws[: self.training], motion, self.channel, self.surrogate)
-        if stand_in is None:  # nearly all draws fail: the runs that were to train and to check are the sample
+        if stand_in is None:  # nearly all draws fail: use the training and check runs as the sample
             return self.without(motion)
         result = self.passed(self.predictor, motion, stand_in)
         both = (self.passed(self.checking, motion, model) for model in (stand_in, None))
@@ -365,7 +365,7 @@ class _Pair:
         return passed, *corrected_share(passed, passed[:0], passed[:0])
 
     def passed(self, predictor: Predictor, motion: GroundMotion, stand_in: Model | None = None) -> np.ndarray:
-        """Whether each draw passes: 1 or 0, NaN where the run itself failed, shape (draw,)."""
+        """1 for a draw that passes, 0 for a draw that does not, NaN for a failed run; shape (draw,)."""
         prediction = predictor.on(motion, (self.channel,), stand_in=stand_in)
         status: Any = prediction.status
         passed = np.where(status == Status.STRUCTURE_FAILED, 1.0, np.nan)
@@ -374,13 +374,13 @@ class _Pair:
 
 
 def _scaled(records: Sequence[GroundMotion], levels: Sequence[float] | None) -> list[list[GroundMotion]]:
-    """Every record at every level."""
+    """Scale every record to every level."""
     if not len(records):
-        raise InputError("fragility(records)", "none", "one or more")
+        raise InputError("fragility(records)", "no record", "one or more records")
     if levels is None:
         if len(records) > 1:
             raise InputError(
-                "fragility(levels)", f"none for {len(records)} records", "peak ground accelerations [m/s²]"
+                "fragility(levels)", f"no levels for {len(records)} records", "peak ground accelerations [m/s²]"
             )
         return [[records[0]]]
     if not len(levels) or min(levels) <= 0.0:
@@ -391,13 +391,13 @@ def _scaled(records: Sequence[GroundMotion], levels: Sequence[float] | None) -> 
 
 
 def _lognormal(levels: np.ndarray, shares: np.ndarray, records: int) -> tuple[float, float]:
-    """Median and dispersion of the most probable curve, given fractions of so many records."""
-    tells = np.ptp(shares) > 0.0 and len(levels) > 1
-    if not tells:
+    """Median and dispersion of the maximum-likelihood curve, given the fractions of `records` records."""
+    determined = np.ptp(shares) > 0.0 and len(levels) > 1
+    if not determined:
         return float("nan"), float("nan")
 
     def unlikely(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        """−Σ R (s ln p + (1 − s) ln(1 − p)) with p = Φ(z), z = (ln a − ln θ)/β, and its slopes in ln θ and ln β."""
+        """−Σ R (s ln p + (1 − s) ln(1 − p)) with p = Φ(z), z = (ln a − ln θ)/β; and its gradient in (ln θ, ln β)."""
         beta = np.exp(parameters[1])
         z = (np.log(levels) - parameters[0]) / beta
         p = np.clip(scipy.special.ndtr(z), 1e-9, 1.0 - 1e-9)

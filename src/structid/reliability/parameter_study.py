@@ -1,4 +1,4 @@
-"""Study of a model's box of parameters: who passes which limits and when, with what probability, and what peaks depend on."""
+"""Study of a prior range by a design of runs: first passages of limits, their probability, sensitivity of the peaks."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ from structid.reliability.passages import Passages, passages
 from structid.reliability.sensitivity import Sensitivity, sensitivity
 
 SMALLEST = 40
-"""Minimum number of runs for a sensitivity."""
+"""Minimum number of finished runs for a sensitivity analysis."""
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterStudy(ShownAsText):
-    """What a design of runs tells of a box of parameters.
+    """Results of a study of a prior range by a design of runs.
 
     Parameters
     ----------
     runs : Runs
-        The runs.
+        Runs of the design.
     passages : tuple of Passages
-        One for every limit.
+        First passages of each limit.
     above : mapping of str to float
-        Lower bounds [SI] of a part of the box that is looked at by itself.
+        Lower bounds [SI] of a part of the prior range that is also studied separately.
     inside : ndarray of bool, shape (run,)
-        Which runs are in that part.
+        True for the runs in that part.
     probabilities : tuple of PassageProbability or None
-        One for every limit; None where too few passed, or too few did not.
+        Passage probability for each limit; None if too few runs passed or too few did not.
     sensitivities : mapping of str to Sensitivity
-        Of the largest absolute value of a channel.
+        Sensitivity of the largest absolute value, by channel.
     """
 
     runs: Runs = field(repr=False)
@@ -56,7 +56,7 @@ class ParameterStudy(ShownAsText):
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Values of parameters and coordinates in SI by name, each of shape (run,)."""
+        """Values of the parameters and coordinates in SI by name; every array has shape (run,)."""
         design = self.runs.design
         space = design.space
         columns = dict(zip(space.names, np.asarray(design.values).T, strict=True))
@@ -65,18 +65,18 @@ class ParameterStudy(ShownAsText):
         return columns
 
     def leading(self, number: int) -> list[str]:
-        """Names of parameters and coordinates, from the one that separates the runs best that pass a limit from the others.
+        """Names of parameters and coordinates, ordered by how well they separate the runs that pass a limit; the best first.
 
         Parameters
         ----------
         number : int
-            Of the limit.
+            Number of the limit.
 
         Returns
         -------
         list of str
-            By the distance from one half of the area under the receiver's operating curve: the probability that of a run
-            that passed and one that did not the latter has the larger value.
+            Ordered by |AUC − ½|, where AUC is the area under the receiver operating characteristic curve: the probability
+            that the value is larger in a run that passed than in a run that did not.
         """
         from sklearn.metrics import roc_auc_score
 
@@ -87,17 +87,17 @@ class ParameterStudy(ShownAsText):
         return sorted(areas, key=lambda name: -abs(areas[name] - 0.5))
 
     def leading_pair(self, number: int) -> list[int]:
-        """Columns of the two coordinates that separate the runs that pass a limit best.
+        """Columns of the two coordinates that best separate the runs that pass a limit from the other runs.
 
         Parameters
         ----------
         number : int
-            Of the limit.
+            Number of the limit.
 
         Returns
         -------
         list of int
-            Two, or one where there is only one.
+            Two columns, or one if there is only one coordinate.
         """
         names = coordinate_names(self.runs.design.space)
         return [names.index(name) for name in self.leading(number) if name in names][:2]
@@ -105,7 +105,7 @@ class ParameterStudy(ShownAsText):
     def __str__(self) -> str:
         lines = [str(p) for p in self.passages]
         lines += [str(p) for p in self.probabilities if p is not None]
-        lines += [f"{channel}, largest: {result}" for channel, result in self.sensitivities.items()]
+        lines += [f"Peak of {channel}: {result}" for channel, result in self.sensitivities.items()]
         return "\n".join(lines)
 
 
@@ -118,32 +118,32 @@ def parameter_study(
     peaks: Sequence[str] = (),
     seed: int = 0,
 ) -> ParameterStudy:
-    """Study a box of parameters by a design of runs.
+    """Study a prior range by a design of runs.
 
     Parameters
     ----------
     runs : Runs
-        Over a design, such as a `Campaign`'s.
+        Runs over a design, such as the runs of a `Campaign`.
     channel : str
-        Whose first passages are looked for.
+        Channel whose first passages are computed.
     limits : float or sequence of float
-        Of its absolute value [SI].
+        Limits of the channel's absolute value [SI].
     above : mapping of str to float, optional
-        Lower bounds [SI] of some parameters, for a part of the box that is looked at by itself.
+        Lower bounds [SI] of some parameters; they define a part of the prior range that is also studied separately.
     peaks : sequence of str
-        Channels of whose largest absolute value Sobol' indices are wanted.
+        Channels for whose peaks Sobol' indices are computed.
     seed : int
-        Of their samples.
+        Seed of the samples for the indices.
 
     Returns
     -------
     ParameterStudy
-        Passages, their probabilities, and indices.
+        Passages, their probabilities, and Sobol' indices.
 
     Raises
     ------
     InputError
-        If a channel is not recorded, a limit is passed from the beginning, or a parameter is unknown.
+        If a channel is not recorded, a run starts beyond a limit, or a parameter is unknown.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def parameter_study(
     for name in peaks:
         check_choice("parameter_study(peaks)", name, runs.channels)
     if not limits:
-        raise InputError("parameter_study(limits)", "no limit", "one or more")
+        raise InputError("parameter_study(limits)", "no limit", "one or more limits")
     values = np.asarray(runs.design.values)
     inside = np.all([values[:, space.names.index(n)] > least for n, least in above.items()], axis=0)
     result = tuple(passages(runs, channel, limit) for limit in limits)
@@ -179,12 +179,12 @@ def _enough(runs: Runs) -> bool:
 
 
 def _largest(runs: Runs, channel: str) -> np.ndarray:
-    """Largest absolute value of a channel, NaN for failed runs, batch by batch."""
+    """Largest absolute value of a channel in each run, read in batches; NaN for failed runs."""
     column = runs.channels.index(channel)
     result: list[Any] = []
     for some in runs.batches(1024):
         values = some.values[:, :, column]
-        # Shorter records are followed by NaN.
+        # Responses to shorter records are padded with NaN.
         peaks = np.nanmax(np.abs(np.where(some.done[:, None], values, 0.0)), axis=1)
         result.append(np.where(some.done, peaks, np.nan))
     return np.concatenate(result)

@@ -1,4 +1,4 @@
-"""Probability of a passage over the parameters, by logistic regression."""
+"""Probability of a passage as a function of the parameters, by logistic regression."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from structid.probability.space import ParameterSpace
 from structid.reliability.passages import Passages
 
 DEGREES = (1, 2, 3)
-"""Polynomial degrees that are compared."""
+"""Polynomial degrees to compare."""
 PENALTIES = (1e-1, 1e1, 1e3)
-"""Prior variances of the coefficients that are compared."""
+"""Prior variances of the coefficients to compare."""
 FOLDS = 5
-"""Folds of the cross-validation."""
+"""Number of folds of the cross-validation."""
 LEAST = 10
-"""Minimum number of runs of each kind."""
+"""Minimum number of runs that pass, and of runs that do not."""
 
 
 @dataclass(frozen=True, eq=False)
 class PassageProbability(ShownAsText):
     """P(passage | θ) = 1 / (1 + exp(−Σ_α c_α x^α)), x being the standardised coordinates of θ.
 
-    Degree and shrinkage of the polynomial are those with the smallest log loss in cross-validation. It is the parameters' alone:
-    with one record the response has no other randomness, so that the width of the transition is what the polynomial cannot tell.
+    Cross-validation selects the degree and the shrinkage of the polynomial with the smallest log loss. With one record, a passage
+    is a deterministic function of the parameters: the width of the transition then reflects the polynomial's approximation error.
 
     Parameters
     ----------
     space : ParameterSpace
-        Its coordinates are the polynomial's, where it has some.
+        Parameter space; the polynomial uses its coordinates, if it has any.
     classifier : object
-        The fitted pipeline.
+        Fitted scikit-learn pipeline.
     degree : int
-        Of the polynomial.
+        Degree of the polynomial.
     log_loss, base_log_loss : float
-        Mean of −log P of what happened, in cross-validation, and that of the share of passages alone.
+        Mean of −log P of the observed outcomes in cross-validation, and its value for a constant P, the fraction of passages.
     accuracy, base_accuracy : float
-        Share of the runs on whose side of one half the probability is, in cross-validation, and that of the commoner outcome.
+        Fraction of runs classified correctly in cross-validation, and the fraction of runs with the more frequent outcome.
     """
 
     space: ParameterSpace = field(repr=False)
@@ -65,60 +65,60 @@ class PassageProbability(ShownAsText):
         Returns
         -------
         ndarray, shape (run,)
-            Between 0 and 1.
+            Probabilities between 0 and 1.
         """
         return self.at_coordinates(coordinates_of(self.space, theta))
 
     def at_coordinates(self, points: Float[np.ndarray, "run coordinate"]) -> Float[np.ndarray, " run"]:
-        """Probability of a passage at coordinates of the space, which may be those of no point.
+        """Probability of a passage at coordinates of the space, even if no parameter point has these coordinates.
 
         Parameters
         ----------
         points : ndarray, shape (run, coordinate)
-            Coordinates.
+            Coordinates of the points.
 
         Returns
         -------
         ndarray, shape (run,)
-            Between 0 and 1.
+            Probabilities between 0 and 1.
         """
         return np.asarray(self.classifier.predict_proba(points)[:, 1])
 
     def __str__(self) -> str:
         return (
-            f"PassageProbability of degree {self.degree}: {self.accuracy:.1%} right in cross-validation ({self.base_accuracy:.1%} "
-            f"without looking), log loss {self.log_loss:.3f} ({self.base_log_loss:.3f})"
+            f"PassageProbability of degree {self.degree}: {self.accuracy:.1%} correct in cross-validation (baseline "
+            f"{self.base_accuracy:.1%}), log loss {self.log_loss:.3f} (baseline {self.base_log_loss:.3f})"
         )
 
 
 def coordinate_names(space: ParameterSpace) -> tuple[str, ...]:
-    """Names of the coordinates of a space, or of its parameters where it has none."""
+    """Names of the coordinates of a space, or of its parameters if it has no coordinates."""
     return space.coordinates or space.names
 
 
 def coordinates_of(
     space: ParameterSpace, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, "run coordinate"]:
-    """Coordinates of points, or the points themselves where a space has no coordinates."""
+    """Coordinates of points, or the points themselves if the space has no coordinates."""
     theta = np.asarray(theta, dtype=float)
     return np.asarray(space.in_coordinates(theta)) if space.coordinates else theta
 
 
 @check_arguments
 def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) -> PassageProbability:
-    """Fit the probability of a passage to runs.
+    """Fit the probability of a passage to the runs of a design.
 
     Parameters
     ----------
     passages : Passages
-        Over a design.
+        Passages over a design.
     degrees : sequence of int
-        Degrees of the polynomials to try.
+        Polynomial degrees to compare.
 
     Returns
     -------
     PassageProbability
-        The best of them.
+        The fit with the smallest cross-validated log loss.
 
     Raises
     ------
@@ -136,8 +136,8 @@ def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) ->
         raise InputError(
             "passage_probability",
             f"{passed.sum()} of {len(passed)} runs passed",
-            f"{LEAST} or more that did and {LEAST} or more that did not",
-            "Choose another limit, or more runs.",
+            f"at least {LEAST} runs that passed and {LEAST} runs that did not",
+            "Choose another limit, or add runs.",
         )
     space = passages.design.space
     points = coordinates_of(space, passages.design.values)
@@ -175,14 +175,14 @@ def _pipeline(degree: int, penalty: float) -> Any:
 
 
 def _cross_validated(classifier: Any, points: np.ndarray, passed: np.ndarray) -> np.ndarray:
-    """Probability of every run, predicted from the other folds."""
+    """Probability of a passage for every run, predicted from the other folds."""
     from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
-    # Designs are filled in an order of their own: neighbouring runs must not share a part.
-    parts = StratifiedKFold(FOLDS, shuffle=True, random_state=0)
-    return np.asarray(cross_val_predict(classifier, points, passed, cv=parts, method="predict_proba")[:, 1])
+    # The points of a design are ordered: shuffle them, so that neighbouring runs do not share a fold.
+    folds = StratifiedKFold(FOLDS, shuffle=True, random_state=0)
+    return np.asarray(cross_val_predict(classifier, points, passed, cv=folds, method="predict_proba")[:, 1])
 
 
 def _log_loss(probability: np.ndarray, passed: np.ndarray) -> float:
-    of_it = np.clip(np.where(passed, probability, 1.0 - probability), 1e-15, None)
-    return float(-np.log(of_it).mean())
+    of_outcome = np.clip(np.where(passed, probability, 1.0 - probability), 1e-15, None)
+    return float(-np.log(of_outcome).mean())

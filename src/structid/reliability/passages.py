@@ -1,4 +1,4 @@
-"""First passages over a design of runs: who passed a limit and when, and how long the others were observed."""
+"""First passages over a design of runs: passage times, and observation times of the runs without a passage."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from structid.probability.designs import Design
 from structid.reliability.first_passage import first_passage
 
 PAIRS = 2000
-"""Runs of which all pairs are compared."""
+"""Largest number of runs for the comparison of all pairs."""
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Passages(ShownAsText):
-    """First passages of a limit over a design.
+    """First passages of a limit over a design of runs.
 
-    A run that did not pass tells that its time is *longer* than it was followed: it is censored, and no number may be put in the
-    place of its time.
+    The passage time of a run that did not pass is *longer* than its observation time, but otherwise unknown. Such a run is
+    censored, and no number may replace its passage time.
 
     Parameters
     ----------
     design : Design
-        The runs' parameters.
+        Parameters of the runs.
     channel : str
-        Whose absolute value passes.
+        Channel whose absolute value is compared with the limit.
     limit : float
-        In the channel's SI unit.
+        Limit in the channel's SI unit.
     time : ndarray, shape (run,)
-        Time of the first passage or of the structure's failure, whichever is earlier [s]; NaN for a run that has neither.
+        Time of the first passage or of the structure's failure, whichever is earlier [s]; NaN for a run with neither.
     followed : ndarray, shape (run,)
-        How far each run goes [s]: to the end of its record, or to where it failed; 0 for one that never began.
+        Observation time of each run [s]: until the end of the record or until the run failed; 0 for a run that did not start.
 
     Examples
     --------
@@ -57,14 +57,14 @@ class Passages(ShownAsText):
         return len(self.time)
 
     def __getitem__(self, rows: Any) -> Passages:
-        """Some of the runs."""
+        """Select some of the runs."""
         return replace(
             self, design=self.design[np.arange(len(self))[rows]], time=self.time[rows], followed=self.followed[rows]
         )
 
     @property
     def passed(self) -> np.ndarray:
-        """Which runs passed, shape (run,)."""
+        """True for each run that passed, shape (run,)."""
         return np.asarray(np.isfinite(self.time))
 
     @property
@@ -76,24 +76,24 @@ class Passages(ShownAsText):
 
     @property
     def censored(self) -> np.ndarray:
-        """Passage times, or the time to which a run was observed [s], shape (run,)."""
+        """Passage time of each run, or its observation time if it did not pass [s], shape (run,)."""
         return np.where(self.passed, self.time, self.followed)
 
     def distribution(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Probability of having passed by a time, by the product-limit estimate, which knows of censored times.
+        """Probability of a passage up to a given time, by the product-limit estimate, which allows for censored times.
 
-        F(t) = 1 − Π_{tᵢ ≤ t} (1 − dᵢ/nᵢ), with dᵢ passages at tᵢ among nᵢ runs followed so far (Kaplan & Meier 1958, doi
-        10.1080/01621459.1958.10501452).
+        F(t) = 1 − Π_{tᵢ ≤ t} (1 − dᵢ/nᵢ), with dᵢ passages at tᵢ among nᵢ runs still observed (Kaplan & Meier 1958,
+        doi 10.1080/01621459.1958.10501452).
 
         Parameters
         ----------
         times : ndarray, shape (time,)
-            [s].
+            Times [s].
 
         Returns
         -------
         tuple of ndarray, shape (time,)
-            The probability, and the standard error of Greenwood's formula.
+            Probability, and its standard error by Greenwood's formula.
         """
         sample = scipy.stats.CensoredData(uncensored=self.time[self.passed], right=self.followed[~self.passed])
         estimate = scipy.stats.ecdf(sample).cdf
@@ -103,19 +103,19 @@ class Passages(ShownAsText):
         return np.asarray(estimate.evaluate(times)), np.asarray(error)
 
     def concordance(self, values: np.ndarray) -> float:
-        """Probability that of two runs the one with the larger value passes later.
+        """Probability that, of two runs, the run with the larger value passes later (Harrell's C).
 
-        Pairs count of which it is known who passed first: both passed, or one did before the other's end (Harrell's C).
+        A pair counts if the order of its passages is known: both runs passed, or one passed while the other was still observed.
 
         Parameters
         ----------
         values : ndarray, shape (run,)
-            A parameter or a coordinate.
+            Values of a parameter or a coordinate.
 
         Returns
         -------
         float
-            1 if larger values always pass later, 0 if always earlier, 0.5 if they say nothing; NaN if no pair counts.
+            1 if larger values always pass later, 0 if always earlier, 0.5 if there is no relation; NaN if no pair counts.
         """
         rows = slice(None, None, -(-len(self) // PAIRS))
         time, passed, value = self.censored[rows], self.passed[rows], np.asarray(values)[rows]
@@ -130,26 +130,26 @@ class Passages(ShownAsText):
 
 @check_arguments
 def passages(runs: Runs, channel: str, limit: float) -> Passages:
-    """Find the first passages of runs; the failure of a structure counts as one.
+    """Find the first passages of runs; the failure of a structure counts as a passage.
 
     Parameters
     ----------
     runs : Runs
-        Of one record, or of several.
+        Runs for one or several records.
     channel : str
-        Which of their channels, such as ``"drift"``.
+        Name of the channel, such as ``"drift"``.
     limit : float
-        In the channel's SI unit.
+        Limit in the channel's SI unit.
 
     Returns
     -------
     Passages
-        A run that failed for another reason is censored there.
+        Passages; a run that failed for another reason is censored at its failure time.
 
     Raises
     ------
     InputError
-        If the channel is not recorded, a run begins beyond the limit, or no run has begun.
+        If the channel is not recorded, a run starts beyond the limit, or no run has started.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def passages(runs: Runs, channel: str, limit: float) -> Passages:
             followed[rows] = np.where(some.done, some.time[-1], some.failure_time)
     fell = runs.status == Status.STRUCTURE_FAILED
     time = np.where(fell, np.fmin(time, runs.failure_time), time)
-    followed = np.nan_to_num(followed)  # a run that never began tells nothing: it was followed for no time
+    followed = np.nan_to_num(followed)  # a run that did not start was observed for zero time
     if not (followed > 0.0).any():
-        raise InputError("passages", "no run that has begun", "runs, some of which have a response")
+        raise InputError("passages", "no run has started", "at least one run with a response")
     return Passages(runs.design, channel, float(limit), time, followed)

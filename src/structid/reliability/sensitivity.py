@@ -1,4 +1,4 @@
-"""Sensitivity of a response quantity: Sobol' indices through a polynomial chaos expansion in the coordinates of a space."""
+"""Sensitivity of a response quantity: Sobol' indices from a polynomial chaos expansion in the coordinates of a space."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from structid.surrogates.in_coordinates import fitted_in_coordinates
 from structid.surrogates.regression import Regression
 
 POINTS = 4096
-"""Points of each of the two samples whose columns are exchanged; a power of 2."""
+"""Size of each of the two samples whose columns are exchanged; a power of 2."""
 RESAMPLES = 199
-"""Resamples for the errors of the indices. SciPy's bootstrap adds a jackknife of every point, which takes twenty times as
-long."""
+"""Number of resamples for the errors of the indices. SciPy's bootstrap also computes a jackknife over all points, which takes
+twenty times as long."""
 BINS = 64
-"""Bins of equal probability of one coordinate, in which the mean is taken."""
+"""Number of bins of equal probability, along one coordinate, for the conditional mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity(ShownAsText):
-    """Shares of a quantity's variance.
+    """Sobol' indices: fractions of the variance of a quantity that the parameters explain.
 
     Parameters
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     first, total : ndarray, shape (parameter,)
         S_i = V[E(y | θ_i)] / V[y] and T_i = E[V(y | θ_~i)] / V[y].
     first_error, total_error : ndarray, shape (parameter,)
-        Half-widths of their 95 % intervals by resampling.
+        Half-widths of the 95 % intervals of these indices, by resampling.
     coordinates : tuple of str
         Names of the coordinates.
     alone : ndarray, shape (coordinate,)
-        V[E(y | x_i)] / V[y] of every coordinate. Coordinates that share a parameter depend on one another, and these shares may
-        add up to more than 1.
+        V[E(y | x_i)] / V[y] of each coordinate. Coordinates that share a parameter are dependent, so these fractions may sum to
+        more than 1.
     left_out : float
-        Share of the variance that the expansion leaves out, by its leave-one-out error.
+        Fraction of the variance that the expansion does not explain, by its leave-one-out error.
     regression : Regression
-        The expansion.
+        The polynomial chaos expansion.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Sensitivity(ShownAsText):
     regression: Regression = field(repr=False)
 
     def __str__(self) -> str:
-        lines = [f"Sobol' indices; the expansion leaves out {self.left_out:.1%} of the variance"]
+        lines = [f"Sobol' indices; the expansion does not explain {self.left_out:.1%} of the variance"]
         for name, first, total in zip(self.names, self.first, self.total, strict=True):
             lines.append(f"  {name:<24} first {max(first, 0.0):6.3f}   total {max(total, 0.0):6.3f}")
         for name, alone in zip(self.coordinates, self.alone, strict=True):
@@ -75,28 +75,28 @@ class Sensitivity(ShownAsText):
 
 @check_arguments
 def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None, seed: int = 0) -> Sensitivity:
-    """Find on which parameters a quantity depends.
+    """Compute the Sobol' indices of a quantity, which measure its dependence on each parameter.
 
     Parameters
     ----------
     design : Design
-        Points. Their space has independent parameters; where it has coordinates, the expansion is in them.
+        Design points with independent parameters. The expansion uses the coordinates of the space, if it has any.
     values : ndarray, shape (run,)
-        The quantity; NaN where a run has none.
+        Value of the quantity in each run; NaN for a run without a value.
     settings : PCE, optional
-        Of the expansion; up to degree 8, sparse, when left out.
+        Settings of the expansion; default: sparse, up to degree 8.
     seed : int
-        Of the samples.
+        Seed of the samples.
 
     Returns
     -------
     Sensitivity
-        By the estimators of Saltelli et al. (2010, doi 10.1016/j.cpc.2009.09.018) on the expansion.
+        Indices by the estimators of Saltelli et al. (2010, doi 10.1016/j.cpc.2009.09.018), applied to the expansion.
 
     Raises
     ------
     InputError
-        If the parameters are correlated, for which these shares say nothing.
+        If the parameters are correlated: these indices are defined for independent parameters only.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
     space: ParameterSpace = design.space
     if space.correlation is not None:
         raise InputError(
-            "sensitivity", "correlated parameters", "independent ones", "Sobol' indices are of independent parameters."
+            "sensitivity", "correlated parameters", "independent parameters", "Use a prior without correlation."
         )
     values = np.asarray(values, dtype=np.float64)
     if values.shape != (len(design.values),):
@@ -119,7 +119,7 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
             "sensitivity(values)",
             f"an array of shape {values.shape} for {len(design.values)} runs",
             f"shape ({len(design.values)},): one value for each run",
-            "A run without a value has NaN.",
+            "Give NaN for a run without a value.",
         )
     finite = np.flatnonzero(np.isfinite(values))
     chosen = PCE(degree=tuple(range(1, 9))) if settings is None else settings
@@ -149,10 +149,10 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
 def _sobol_indices(
     predicted: Callable[[np.ndarray], np.ndarray], space: ParameterSpace, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """First-order and total indices, and half-widths of their 95 % intervals, each (parameter,)."""
-    if space.dimension == 1:  # all of the variance is the one parameter's; SciPy's estimator needs two
+    """First-order and total indices, and the half-widths of their 95 % intervals; every array has shape (parameter,)."""
+    if space.dimension == 1:  # the only parameter explains all of the variance; SciPy's estimator needs two
         return np.ones(1), np.ones(1), np.zeros(1), np.zeros(1)
-    # Two independent samples A and B, and for each parameter A with that parameter of B.
+    # Two independent samples A and B, and for each parameter a copy of A with the column of that parameter from B.
     sample = scipy.stats.qmc.Sobol(2 * space.dimension, bits=64, rng=rng).random(POINTS)
     a, b = np.split(sample, 2, axis=1)
     mixed = [np.where(np.arange(space.dimension) == k, b, a) for k in range(space.dimension)]
@@ -167,16 +167,16 @@ def _sobol_indices(
 def _of_responses(
     responses: dict[str, np.ndarray], rows: np.ndarray | slice = slice(None)
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First-order and total indices from some rows of the samples, each (parameter,)."""
+    """First-order and total indices from some rows of the samples; both arrays have shape (parameter,)."""
     chosen = {name: values[..., rows] for name, values in responses.items()}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # of an index that is 0 in every resample
+        warnings.simplefilter("ignore")  # SciPy warns about an index that is 0 in every resample
         indices = scipy.stats.sobol_indices(func=chosen, n=POINTS)
     return np.ravel(indices.first_order), np.ravel(indices.total_order)
 
 
 def _alone(column: Any, value: np.ndarray) -> float:
-    """V[E(y | x)] / V[y], from means over bins of equal probability, minus the contribution of the scatter within them."""
+    """V[E(y | x)] / V[y] from means over bins of equal probability, corrected for the scatter within the bins."""
     parts = np.array_split(value[np.argsort(column)], BINS)
     means = np.array([part.mean() for part in parts])
     noise = np.mean([part.var(ddof=1) / len(part) for part in parts])

@@ -1,4 +1,4 @@
-"""A surrogate of a model on one record, fitted where its posterior is."""
+"""A surrogate of a model for one record, fitted to runs at posterior draws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def fitted_stand_in(
     channel: str,
     settings: SurrogateSettings,
 ) -> Surrogate | None:
-    """Fit a surrogate to model runs at draws."""
+    """Fit a surrogate to model runs at posterior draws; None if too few runs succeed."""
     measured = tuple(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     channels = tuple(dict.fromkeys((*measured, channel)))
     space = posterior.model_space
@@ -34,5 +34,5 @@ def fitted_stand_in(
         return None
     lenient: Any = replace(settings, outside="allow")  # type: ignore[type-var]
     surrogate: Surrogate = lenient.fit(Runs.from_histories(design, histories, record))
-    surrogate.trust()  # model runs correct it
+    surrogate.trust()  # its errors are corrected by model runs
     return surrogate

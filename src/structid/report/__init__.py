@@ -1,1 +1,1 @@
-"""Reports: figures, tables and one self-contained page."""
+"""Reports: one self-contained page with figures and tables."""

@@ -1,4 +1,4 @@
-"""The overview of a calibration: what was done, and the posterior in numbers."""
+"""The overview of a calibration: a description in one sentence, and tables of the posterior and of the run."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from structid.surrogates.base import Surrogate
 
 
 def posterior_table(material: PosteriorMaterial) -> Rows:
-    """Mean, sd, 5-95 %, MAP and truth of every parameter, as in the thesis's tables."""
+    """Mean, sd, 5 and 95 % quantiles, MAP and truth of every parameter, as in the tables of the thesis."""
     summary = material.summary
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust, spread = "robust_sd" in summary.columns, material.result.robust
     doubt = {} if spread is None else dict(zip(material.posterior.names, spread.error, strict=True))
     elsewhere = "sd_elsewhere" in summary.columns
-    further = [*(["robust sd"] if robust else []), *(["sd on another record"] if elsewhere else [])]
+    further = [*(["robust sd"] if robust else []), *(["record-to-record sd"] if elsewhere else [])]
     heads = ["parameter", "mean", "sd", *further, "5 %", "95 %", "MAP"]
     if material.true_values:
         heads.append("truth")
@@ -43,12 +43,12 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
 
 
 def derived_table(material: PosteriorMaterial) -> Rows | None:
-    """Mean, sd, 5-95 % and truth of derived quantities and of the errors' standard deviations."""
+    """Mean, sd, 5 and 95 % quantiles and truth of derived quantities and of the standard deviations of the errors."""
     draws, weights = material.weighted_draws
     model, truth = material.true_posterior.model, material.truths[0]
     quantities = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
     true = {} if truth is None else truth.derived_quantities(np.zeros((1, 0)))
-    # σ = √σ², which a reader can compare with the measurement.
+    # σ = √σ² has the unit of the measurement.
     variances = dict(zip(material.posterior.names, draws.T, strict=True))
     errors = {
         pretty(name).replace("²", ""): (np.sqrt(variances[name]), unit)
@@ -63,12 +63,12 @@ def derived_table(material: PosteriorMaterial) -> Rows | None:
         if true:
             row.append(number(float(true[name].values[0]) / factor(unit)) if name in true else "–")
         rows.append(row)
-    heads = ["what follows from them", "mean", "sd", "5 %", "95 %", *(["truth"] if true else [])]
+    heads = ["derived quantity", "mean", "sd", "5 %", "95 %", *(["truth"] if true else [])]
     return (heads, rows) if rows else None
 
 
 def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
-    """Settings, versions and timings."""
+    """Settings, versions and timings of the run."""
     result, sampler = material.result, material.result.sampler
     steps, ensembles, walkers = result.history.shape[:3]
     rows = [
@@ -81,12 +81,12 @@ def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
 
 
 def sentence(material: PosteriorMaterial) -> str:
-    """Describe in one sentence what was done."""
+    """Describe the calibration in one sentence."""
     posterior, surrogate = material.posterior, material.results.get(Surrogate)
-    through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
+    through = "" if surrogate is None else f", with a {surrogate.kind_in_words},"
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (
         f"{len(posterior.model_space.names)} parameters of a {material.true_posterior.model.kind_in_words}{through} calibrated "
-        f"against the measured {channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
+        f"to the measured {channels} for {records} ({sum(o.values.size for o in posterior.observations):,} values)."
     )

@@ -1,4 +1,4 @@
-"""The report of a calibration made in Python, without a study file."""
+"""The report of a calibration in Python, without a study file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from structid.report.page import write_posterior_report
 from structid.surrogates.base import Surrogate
 
 DRAWS = 400
-"""Draws of the bands."""
+"""Number of draws for the bands."""
 
 
 @renamed_argument(law_choice="error_model_choice")
@@ -40,36 +40,36 @@ def write_report(
     error_model_choice: ErrorModelChoice | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write ``report.html`` of a calibration: one file, with verdict, numbers and figures, as ``structid run`` writes it.
+    """Write ``report.html`` of a calibration: one file with verdict, numbers and figures, as ``structid run`` does.
 
     Parameters
     ----------
     result : CalibrationResult or SamplingResult
-        Of `calibrate`, or of `sample` with a `Posterior`.
+        Result of `calibrate`, or of `sample` with a `Posterior`.
     folder : path-like
-        Where page and figures go; made if it is not there. A page that is there is replaced.
+        Folder of the page and the figures; created if necessary. An existing page is replaced.
     title : str
         Heading of the page.
     other_records : sequence of GroundMotion
-        For which the response is predicted.
+        Records for which the response is predicted.
     channels : sequence of str
-        What is predicted for them; what was measured when left out.
+        Channels to predict for these records; default: the measured channels.
     true_values : dict of str to float, optional
-        True parameters in SI, of a virtual experiment.
+        True parameters of a virtual experiment, in SI.
     error_model_choice : ErrorModelChoice, optional
-        Of `choose_error_model`; a calibration has its own.
+        Result of `choose_error_model`; a `CalibrationResult` already contains it.
     progress : callable, optional
-        Called with the number of figures drawn and the total.
+        Called with the number of drawn figures and the total number.
 
     Returns
     -------
     Path
-        The page.
+        Path of the page.
 
     Raises
     ------
     InputError
-        If the draws are of no posterior of a model.
+        If the draws do not come from the `Posterior` of a model.
 
     Examples
     --------
@@ -98,11 +98,11 @@ def _material(
         raise InputError(
             "write_report(result)",
             f"draws of a {type(sampled).__name__}",
-            "draws of a Posterior: of a model and a measurement",
+            "draws of a Posterior, which combines a model and a measurement",
         )
     posterior = sampled if calibration is None else calibration.posterior
     record: Any = posterior.observations[0].record
-    # A model that stands in for another one is a surrogate: nothing else does.
+    # Only a surrogate replaces another model.
     surrogate = None if posterior.model.stand_in is None else cast(Surrogate, posterior.model)
     results = (
         ByType({SamplingResult: sampling, Surrogate: surrogate, ErrorModelChoice: error_model_choice})

@@ -18,18 +18,18 @@ from structid.report.page import PAGE, template
 
 LOOPBACK = "127.0.0.1"
 NICENESS = 10
-"""Priority of this process below the test's."""
+"""Nice value of this process: the test has priority."""
 
 
 class LiveFolder:
-    """Tests of a programme found in its folder."""
+    """The tests in the folder of a programme."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._points: dict[str, LivePoints] = {}
 
     def state(self, test: str, moves: int, steps: int) -> dict[str, Any]:
-        """Current state of the tests."""
+        """Return the current state of the tests."""
         ended, running = tests_in(self.folder), tests_in(self.folder, JOURNAL)
         report = (self.folder / PAGE).exists()
         if not running:
@@ -45,7 +45,7 @@ class LiveFolder:
 
 
 def application(folder: Path) -> Any:
-    """Make the application."""
+    """Build the web application."""
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
@@ -54,7 +54,7 @@ def application(folder: Path) -> Any:
         from starlette.routing import Route
     except ImportError:
         raise InputError(
-            "the live view", "Starlette is not installed", "the extra 'live'", 'pip install "structid[live]"'
+            "the live view", "Starlette is not installed", "the extra 'live'", 'Run: pip install "structid[live]"'
         ) from None
     tests = LiveFolder(folder)
     page = template("live.html").render(title=folder.name)
@@ -69,7 +69,7 @@ def application(folder: Path) -> Any:
 
     return Starlette(
         routes=[Route("/", shown), Route("/state", state)],
-        # A page elsewhere must not read this one by a name that it points here.
+        # Protection against DNS rebinding: a foreign page must not read this page through its own host name.
         middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
     )
 
@@ -85,7 +85,7 @@ def serve(folder: Path, port: int) -> None:
 
 @contextlib.contextmanager
 def live(folder: Path, port: int) -> Iterator[str]:
-    """Serve the page in a separate process inside a ``with`` block."""
+    """Serve the page from a separate process inside a ``with`` block."""
     application(folder)
     child = subprocess.Popen([sys.executable, "-m", __name__, str(folder), str(port)])
     try:

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: the verdict first, then the numbers, then their basis."""
+"""One self-contained HTML page: first the verdict, then the numbers, then the supporting figures and tables."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from structid.report.section import NEAREST
 from structid.report.tables import percent, versions_table
 
 PAGE = "report.html"
-"""File of a report."""
+"""File name of a report."""
 
 COMPARISON_PAGE = "comparison.html"
-"""File of a comparison."""
+"""File name of a comparison."""
 
 
 def write_posterior_report(
     material: PosteriorMaterial, drawn: Sequence[DrawnSection], folder: Path, timings: dict[str, float]
 ) -> Path:
-    """Write ``report.html`` of a calibration, with every figure inside it."""
+    """Write ``report.html`` of a calibration, with all figures embedded."""
     discrepancy = material.posterior.discrepancy
     return _write(
         "report.html",
@@ -64,12 +64,12 @@ def write_posterior_report(
 
 
 def _doubt(verdict: Verdict) -> str:
-    """Warning next to every table and figure concerned; empty where nothing is wrong."""
-    return verdict.doubt if verdict.converged else "The sampler has not converged: do not use this"
+    """Warning for the affected tables and figures; empty if there is no doubt."""
+    return verdict.doubt if verdict.converged else "The sampler has not converged: do not use these results"
 
 
 def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, float]) -> Path:
-    """Write ``report.html`` of a study with runs and no measurement."""
+    """Write ``report.html`` of a study that has runs but no measurement."""
     runs = material.runs
     return _write(
         "campaign.html",
@@ -85,7 +85,7 @@ def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, f
 
 def _what_ran(runs: Runs) -> str:
     records = ", ".join(r.name for r in runs.records)
-    return f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}."
+    return f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)}, for {records}."
 
 
 def write_programme_report(
@@ -97,7 +97,7 @@ def write_programme_report(
         "programme.html",
         folder,
         title=material.title,
-        sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which kept its damage.",
+        sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which keeps its damage.",
         programme=programme,
         sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material),
         settings=material.settings,
@@ -111,7 +111,7 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
         "certificate.html",
         folder,
         title=material.title,
-        sentence=f"Draws of {material.source}, judged by runs of the model itself.",
+        sentence=f"Draws of {material.source}, checked by model runs.",
         certificate=material.certificate,
         sections=_shown(draw(section_list.OF_A_CERTIFICATE, material, folder / "figures"), material),
         settings=material.settings,
@@ -133,7 +133,7 @@ def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progr
         folder,
         page=COMPARISON_PAGE,
         title=f"{title[:1].upper()}{title[1:]}?",
-        sentence=f"{count} model classes of the measured {channels} on {records}.",
+        sentence=f"{count} model classes, compared on the measured {channels} for {records}.",
         verdict=material.comparison.verdict,
         believed=believed,
         further=further,
@@ -150,12 +150,12 @@ def _write(name: str, folder: Path, page: str = PAGE, **content: Any) -> Path:
 
 
 def _shown(drawn: Sequence[DrawnSection], material: Any, converged: bool = True) -> list[dict[str, Any]]:
-    """Sections with content, as a template takes them."""
+    """Convert the sections that have content to dictionaries for a template."""
     shown = []
-    for each in drawn:
-        section, tables = each.section, each.section.tables(material)
+    for drawn_section in drawn:
+        section, tables = drawn_section.section, drawn_section.section.tables(material)
         words = section.words(material)
-        if not (tables or each.pictures or words):
+        if not (tables or drawn_section.pictures or words):
             continue
         shown.append(
             {
@@ -163,7 +163,7 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, converged: bool = True)
                 "title": section.title,
                 "words": words,
                 "tables": tables,
-                "pictures": each.pictures,
+                "pictures": drawn_section.pictures,
                 "under_doubt": section.under_doubt if converged or section.of_draws else "",
             }
         )

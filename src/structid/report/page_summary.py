@@ -1,4 +1,4 @@
-"""The summary of a calibration's page: the parameters, whether to believe them, and what to do next."""
+"""The summary at the top of a calibration's page: the parameters, their reliability, and the next steps."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ from structid.report.tables import percent
 from structid.surrogates.base import Surrogate
 
 Trust = Literal["good", "doubtful", "bad"]
-"""Reliability of a statement."""
+"""Rating of the sampling, the surrogate or the model."""
 
 ORDER: tuple[Trust, ...] = ("good", "doubtful", "bad")
 
 MARKS: dict[Trust, str] = {"good": "✓", "doubtful": "!", "bad": "✗"}
 
 TIED = 0.9
-"""Correlation above which two parameters are determined jointly better than separately."""
+"""Absolute correlation above which the page reports that two parameters are determined jointly better than separately."""
 
 
 @dataclass(frozen=True)
 class Believed:
-    """Answer to one part of the question whether to believe the numbers."""
+    """Assessment of the sampling, the surrogate or the model."""
 
     about: str  # subject
     trust: Trust  # ``"good"``, ``"doubtful"`` or ``"bad"``
-    said: str  # the answer, in few words
+    said: str  # the assessment, in a few words
 
 
 @dataclass(frozen=True)
 class PageSummary(ShownAsText):
-    """The summary."""
+    """The summary of a page."""
 
     parameters: list[LearntParameter]  # parameters of the model
-    believed: list[Believed]  # answers on the sampling, the surrogate, the model
-    unsaid: list[str]  # what the data do not determine, one sentence each
-    further: list[str]  # what to do next, one sentence each, most important first
+    believed: list[Believed]  # assessments of the sampling, the surrogate and the model
+    unsaid: list[str]  # sentences on the parameters that the data do not determine
+    further: list[str]  # sentences on the next steps, the most important first
 
     @property
     def elsewhere(self) -> bool:
-        """Whether intervals for another record differ."""
+        """Whether a parameter has a different interval for another record."""
         return any(p.elsewhere is not None for p in self.parameters)
 
     @property
     def truths(self) -> tuple[int, int] | None:
-        """Number of true values inside the intervals to be used, and their total; None where none is known."""
+        """Number of true values inside the intervals to use, and number of known true values; None if none is known."""
         held = [p.holds_truth for p in self.parameters if p.holds_truth is not None]
         return (sum(held), len(held)) if held else None
 
@@ -84,12 +84,12 @@ class PageSummary(ShownAsText):
 
     @property
     def trust(self) -> Trust:
-        """The worst of the answers."""
+        """The worst of the assessments."""
         return max((b.trust for b in self.believed), key=ORDER.index)
 
 
 def page_summary(material: PosteriorMaterial) -> PageSummary:
-    """Build the summary."""
+    """Build the summary of a calibration."""
     parameters = learnt_parameters(material)
     return PageSummary(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
 
@@ -106,17 +106,17 @@ def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], li
     verdict = best.material.result.verdict()
     if verdict.wrong_model:
         return believed, [
-            f"{best.name} is the best of these, and still wrong for the data. Look in its report at what it leaves, and give it "
-            "what it lacks: another class, calibrated to the same measurement, joins this comparison."
+            f"{best.name} is the best of these classes, but still wrong for the data. Check the residuals in its report, and add "
+            "the missing behaviour to the model. Then calibrate it to the same measurement and repeat the comparison."
         ]
     return believed, [
-        f"Use {best.name}: its parameters, intervals and predictions are below, and in its own report.",
-        "Another class that you hold for possible is calibrated to the same measurement, and joins this comparison.",
+        f"Use {best.name}: its parameters, intervals and predictions are below and in its own report.",
+        "If another class is plausible, calibrate it to the same measurement and repeat the comparison.",
     ]
 
 
 def _of_a_class(one: ComparedClass) -> Believed:
-    """Whether the numbers of a class, and the class itself, may be believed."""
+    """Assess a model class and its numbers."""
     answers = _answers(one.material)
     worst = max(answers, key=lambda answer: ORDER.index(answer.trust))
     warning = "" if one.figures.trusted else "its numbers are not to be trusted; "
@@ -124,7 +124,7 @@ def _of_a_class(one: ComparedClass) -> Believed:
 
 
 def _answers(material: PosteriorMaterial) -> list[Believed]:
-    """Answers on the sampling, the surrogate, the model."""
+    """Assess the sampling, the surrogate and the model."""
     return [_sampling(material), *_surrogate(material), *_model(material)]
 
 
@@ -136,19 +136,19 @@ def _sampling(material: PosteriorMaterial) -> Believed:
 
 
 def _surrogate(material: PosteriorMaterial) -> list[Believed]:
-    """Answer on the surrogate: its certificate or validation; none where the model itself was sampled."""
+    """Assess the surrogate by its certificate or its validation; empty if the model itself was sampled."""
     if material.result.cost is not None:
-        return [Believed("Surrogate", "good", "only proposed; the model itself decided on every step")]
+        return [Believed("Surrogate", "good", "used only for proposals; the model itself decided every step")]
     if material.calibration is None:
         validated = Surrogate in material.results
-        return [Believed("Surrogate", "doubtful", "validated, and not certified")] if validated else []
+        return [Believed("Surrogate", "doubtful", "validated, but not certified")] if validated else []
     certificate = material.calibration.certificate
     if certificate.certified:
-        runs = f"{certificate.true_runs} runs of the model"
-        bound = f"no mean is off by more than {certificate.mean_bound.max():.2g} standard deviations"
+        runs = f"{certificate.true_runs} model runs"
+        bound = f"the error of every mean is at most {certificate.mean_bound.max():.2g} standard deviations"
         return [Believed("Surrogate", "good", f"certified by {runs}: {bound}")]
     if certificate.usable:
-        return [Believed("Surrogate", "doubtful", "usable with re-weighting: the numbers here are corrected")]
+        return [Believed("Surrogate", "doubtful", "usable with re-weighting: these numbers are corrected")]
     return [Believed("Surrogate", "bad", "not certified: do not use these numbers")]
 
 
@@ -160,25 +160,26 @@ def _model(material: PosteriorMaterial) -> list[Believed]:
     if verdict.wrong_model:
         return [Believed("Model", "bad", f"wrong for these data; {left}")]
     if verdict.wrong_error_model:
-        return [Believed("Model", "doubtful", f"the errors are not what their error model assumes; {left}")]
-    return [Believed("Model", "good", f"nothing speaks against it; {left}")]
+        return [Believed("Model", "doubtful", f"the residuals contradict the error model; {left}")]
+    return [Believed("Model", "good", f"no evidence against it; {left}")]
 
 
 def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> list[str]:
-    """What the data do not determine, given the model."""
+    """List the parameters that the data do not determine, given the model."""
     if not material.result.verdict().converged:
         return []
     sentences = []
     little = [pretty(p.name) for p in _hardly_known(parameters)]
     if little:
         sentences.append(
-            f"The data say little of {_listed(little)}: what is known of {'it' if len(little) == 1 else 'them'} is in the prior."
+            f"The data hardly constrain {_listed(little)}: {'its' if len(little) == 1 else 'their'} posterior is close to the "
+            "prior."
         )
     adrift = [pretty(p.name) for p in parameters if p.unknown_elsewhere and pretty(p.name) not in little]
     if adrift:
         sentences.append(
-            f"On another record the data say little of {_listed(adrift)}: while the structure moves, "
-            f"{'it drifts' if len(adrift) == 1 else 'they drift'} by about as much as the prior spreads."
+            f"For another record, the data hardly constrain {_listed(adrift)}: during the measured record, "
+            f"{'it drifts' if len(adrift) == 1 else 'they drift'} by about the width of the prior."
         )
     draws, weights = material.weighted_draws
     count = len(parameters)
@@ -189,61 +190,61 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
     if tied:
         pairs = [f"{pretty(parameters[i].name)} and {pretty(parameters[j].name)}" for i, j in tied]
         sizes = ", ".join(f"{correlation[i, j]:.2f}" for i, j in tied)
-        which = "this pair is" if len(tied) == 1 else "these pairs are"
+        which = "this pair" if len(tied) == 1 else "these pairs"
         sentences.append(
-            f"{'; '.join(pairs)}: {which} known together better than each parameter by itself (correlation {sizes})."
+            f"{'; '.join(pairs)}: the data determine {which} jointly better than separately (correlation {sizes})."
         )
-    return sentences or ["Every parameter is known better than before, each by itself."]
+    return sentences or ["None: the data constrain every parameter separately."]
 
 
 def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> list[str]:
-    """What to do next. Anything that invalidates the numbers comes first, and alone."""
+    """List the next steps. A step that is needed before the numbers are valid is listed alone."""
     verdict, calibration = material.result.verdict(), material.calibration
     exact = material.result.cost is not None
     if not verdict.converged:
-        return ["Go on sampling: raise steps or particles in the study, and run it again with --resume."]
+        return ["Continue sampling: increase steps or particles in the study file, then rerun with --resume."]
     if calibration is not None and not (calibration.certificate.usable or exact):
         enough = calibration.enough_to_go_on
-        return [f"Allow more runs of the model: true_runs = {enough} or more, and run it again with --resume."]
-    # A prior that the data contradict comes before everything else that may be wrong.
+        return [f"Allow more model runs: set true_runs = {enough} or more, then rerun with --resume."]
+    # A prior that the data contradict comes before all other problems.
     sentences = [
         f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors if warned.cure
     ]
     if verdict.another_size:
         sentences.append(
-            "Look at the units of the measurement, of the record and of the priors: the best prediction is of another size than "
-            "what was measured. Mend them, and run again in another folder."
+            "Check the units of the measurement, the record and the priors: the best prediction and the measurement differ too "
+            "much in size. Correct the units, and rerun in another folder."
         )
     elif verdict.wrong_model:
         sentences.append(
-            "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "
-            "yield, degradation, pinching, an offset of the instrument), calibrate that to the same measurement, and see which one "
-            "the data favour: structid compare FIRST SECOND --out comparison."
+            "Do not use these parameters as properties of the structure. Add the missing behaviour to the model (for example a "
+            "sharper or softer yield, degradation, pinching, an instrument offset), and calibrate it to the same measurement. Then "
+            "compare the two models: structid compare FIRST SECOND --out comparison."
         )
         if any(p.elsewhere is not None for p in parameters):
-            sentences.append("Until then use the intervals for another record; they allow for what the model lacks.")
+            sentences.append("Until then, use the intervals for another record: they allow for the model error.")
     elif verdict.wrong_error_model:
-        sentences.append("Let the data choose the error model: leave [discrepancy] out of the study.")
+        sentences.append("Let the data choose the error model: remove [discrepancy] from the study file.")
     if _hardly_known(parameters):
         sentences.append(
-            "To learn more of what the data say little of, measure another channel or a stronger motion, or take its prior "
-            "from tests."
+            "To determine the poorly constrained parameters, measure another channel or a stronger response, or take their "
+            "priors from tests."
         )
     if not sentences:
-        with_it = "[[prediction.records]] in a study or predict(record) in Python"
+        by_what = "[[prediction.records]] in a study file or predict(record) in Python"
         sentences.append(
-            f"Use it: what other records do to the structure is below; further ones come with {with_it}."
+            f"Use the result: predictions for other records are below. Add further records with {by_what}."
             if material.other_records
-            else f"Use it: predict what other records do to the structure, with {with_it}."
+            else f"Use the result: predict the response to other records with {by_what}."
         )
         sentences.append(
-            "If there is another measurement, add it as a further observation, or see whether it is predicted."
+            "If there is another measurement, add it as an observation, or check whether the model predicts it."
         )
     return sentences
 
 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
-    """Parameters with a posterior close to the prior; a shifted one is not among them."""
+    """Parameters with a posterior about as wide as the prior and inside its 90 % interval."""
     return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
 
 

@@ -1,4 +1,4 @@
-"""A section of a report: a title, words, tables and figures, made from a study's data."""
+"""A section of a report: a title, paragraphs, tables and figures, from the data of a study."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Rows = tuple[list[str], list[list[str]]]
-"""Titles and rows of a table."""
+"""Column titles and rows of a table."""
 
 M = TypeVar("M", contravariant=True)
 
@@ -22,8 +22,8 @@ class Table:
     """A table with its caption."""
 
     caption: str  # caption
-    rows: Rows  # titles and rows
-    of_words: bool = False  # whether its cells are words, aligned left and wrapped
+    rows: Rows  # column titles and rows
+    of_words: bool = False  # whether the cells are text, aligned left and wrapped
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +35,15 @@ class Picture:
     drawn: Figure | Film  # the unsaved figure, or a film
 
 
-NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."
-"""Note on parameters of a wrong model."""
+NEAREST = "These parameters give the model's best fit to the data. They are not properties of the structure."
+"""Note on the parameters of a wrong model."""
 
 Drawing = Callable[[], Picture]
-"""Draws one figure."""
+"""Function that draws one figure."""
 
 
 def nothing(material: object) -> list[Any]:
-    """Words or tables of a section without any."""
+    """Empty list, for a section without paragraphs, tables or figures."""
     return []
 
 
@@ -54,26 +54,26 @@ class Section(Generic[M]):
     Parameters
     ----------
     key : str
-        Of its anchor in the page.
+        Anchor of the section in the page.
     title : str
-        Its heading.
+        Heading of the section.
     drawings : callable
-        Its figures, of what the study has left; each is drawn by itself, so that progress can be shown.
+        Returns the functions that draw its figures; separate functions allow a progress bar.
     tables : callable
-        Its tables.
+        Returns its tables.
     words : callable
-        Its paragraphs, before the tables.
+        Returns its paragraphs, which precede the tables.
     under_doubt : str
-        What the reader must know here where model or error model are wrong for the data; empty where this does not matter.
+        Note for the reader if the model or the error model is wrong for the data; empty if no note is needed.
     of_draws : bool
-        Whether it shows draws, which are worth nothing where the sampler has not converged.
+        Whether the section shows draws, which are invalid if the sampler has not converged.
 
     Examples
     --------
     >>> from structid.report.section import Section, Table
     >>> section = Section(
     ...     "draws",
-    ...     "How many draws there are",
+    ...     "Number of draws",
     ...     drawings=lambda material: [],
     ...     tables=lambda material: [Table("Draws", (["count"], [[str(len(material.result.flat))]]))],
     ... )

@@ -1,4 +1,4 @@
-"""The sections of a report in their order. A new one is a file with its `Section` and a line here."""
+"""The sections of the reports, in order. A new section is a file with a `Section`, and a line here."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     model_runs_section.SECTION,
     measured_data.SECTION,
 )
-"""Made of `PosteriorMaterial`."""
+"""Sections of a calibration, from `PosteriorMaterial`."""
 
 OF_RUNS: tuple[Section[Any], ...] = (
     parameters_and_passages.SECTION,
     model_runs_section.SECTION,
     surrogate_section.SECTION,
 )
-"""Made of `RunsMaterial`, for a study without a measurement."""
+"""Sections of a study without a measurement, from `RunsMaterial`."""
 
 OF_A_PROGRAMME: tuple[Section[Any], ...] = (
     test_table.SECTION,
@@ -70,10 +70,10 @@ OF_A_PROGRAMME: tuple[Section[Any], ...] = (
     learnt_from_tests.SECTION,
     online_filter.SECTION,
 )
-"""Made of `ProgrammeMaterial`."""
+"""Sections of a programme of hybrid tests, from `ProgrammeMaterial`."""
 
 OF_A_CERTIFICATE: tuple[Section[Any], ...] = (external_draws_certificate.SECTION,)
-"""Made of `CertificateMaterial`."""
+"""Sections of a certificate of external draws, from `CertificateMaterial`."""
 
 OF_A_COMPARISON: tuple[Section[Any], ...] = (
     compared_evidence.SECTION,
@@ -81,4 +81,4 @@ OF_A_COMPARISON: tuple[Section[Any], ...] = (
     compared_responses.SECTION,
     compared_records.SECTION,
 )
-"""Made of `ComparisonMaterial`."""
+"""Sections of a comparison of model classes, from `ComparisonMaterial`."""

@@ -1,4 +1,4 @@
-"""Numbers of a report with appropriate digits, and tables shared by several pages."""
+"""Numbers of a report with appropriate digits, and tables that several pages share."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from structid.figures.style import pretty_unit
 from structid.report.section import Rows
 
 NOTHING = 1e-3
-"""Fraction of its uncertainty below which a number is shown as zero."""
+"""A number smaller than this fraction of its uncertainty is shown as zero."""
 
 
 def number(value: float, error: float | None = None) -> str:
-    """A number with two digits of its uncertainty, or four significant digits."""
+    """Format a number with two digits of its uncertainty, or with four significant digits."""
     if not np.isfinite(value):
         return "–"
     if error is None or not np.isfinite(error) or error <= 0:
@@ -33,7 +33,7 @@ def number(value: float, error: float | None = None) -> str:
 def moments(
     values: Float[np.ndarray, "draw ..."], weights: Float[np.ndarray, " draw"] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, standard deviation, 5 and 95 % quantiles of draws."""
+    """Mean, standard deviation, and 5 and 95 % quantiles of draws."""
     mean = np.average(values, axis=0, weights=weights)
     sd = np.sqrt(np.average((values - mean) ** 2, axis=0, weights=weights))
     low, high = np.quantile(values, [0.05, 0.95], axis=0, weights=weights, method="inverted_cdf")
@@ -41,19 +41,19 @@ def moments(
 
 
 def percent(share: float) -> str:
-    """A fraction in per cent, with two digits."""
+    """Format a fraction in per cent, with two digits."""
     value = 100.0 * share
     return f"{value:.0f} %" if abs(value) >= 10.0 else f"{value:.2g} %"
 
 
 def in_display_unit(value: float, channel: str) -> str:
-    """A value of a channel with its unit."""
+    """Format a value of a channel in its display unit."""
     unit = standard_unit(channel).display
     return f"{value / factor(unit):g} {pretty_unit(unit)}".strip()
 
 
 def versions_table(timings: dict[str, float]) -> Rows:
-    """Durations, versions and machine."""
+    """Durations of the stages, versions and machine."""
     rows = [
         *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
         [
@@ -62,4 +62,4 @@ def versions_table(timings: dict[str, float]) -> Rows:
         ],
         ["machine", f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"],
     ]
-    return ["what", "value"], rows
+    return ["item", "value"], rows

@@ -1,4 +1,4 @@
-"""From a study file to a study that is ready to run."""
+"""Build a complete study from a study file."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from structid.study.study_reader import stage_tables, stands_alone
 
 
 def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> BuiltStudy:
-    """Build a study."""
+    """Build a study, or report all problems of its file."""
     try:
         return _built(file, folder, solver_folder)
     except InputError as first:
-        # Mistakes that can be seen without the other parts are reported with it, so that one correction does not lead to the next.
+        # Report this error together with all errors in independent parts, so that the user can correct them in one pass.
         problems = list(dict.fromkeys([str(first), *_wrong_alone(file, folder, solver_folder or folder)]))
         if len(problems) == 1:
             raise
@@ -48,7 +48,7 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
 
 
 def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str]:
-    """Problems of each part by itself, or with the few others that it needs."""
+    """Collect the problems of all parts; every part is built with as few other parts as possible."""
     records = {
         "record": file.record,
         **{
@@ -93,7 +93,7 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
 
 
 def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
-    """Lines through a measured loop; None where there is no readable loop."""
+    """Lines through a measured loop; None if there is no readable loop."""
     try:
         return build_loop(file.loop, folder)
     except InputError:
@@ -101,7 +101,7 @@ def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
 
 
 def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
-    """The parameter space; where priors are wrong, one with the same names."""
+    """The parameter space; if the priors are wrong, a replacement with the same parameter names."""
     try:
         return parameter_space(file, loop)
     except InputError:
@@ -111,7 +111,7 @@ def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
 def _observed(
     file: StudyFile, folder: Path, place: int, record: GroundMotion | None = None
 ) -> tuple[Observation, Model | None]:
-    """An observation on its own record, or on that of the study."""
+    """Build an observation with its own record, or with the record of the study."""
     section = file.observation[place]
     where = "observation" if len(file.observation) == 1 else f"observation.{place + 1}"
     if section.record is not None:
@@ -126,7 +126,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     raw = read_record(file.record, folder, "record")
     record = processed(raw, file.record, "record")
     if file.record.trim is not None:
-        raw = raw.trim(*file.record.trim)  # the same instants as the processed one, to be drawn beside it
+        raw = raw.trim(*file.record.trim)  # same time range as the processed record, for a common figure
     loop = build_loop(file.loop, folder)
     space = parameter_space(file, loop)
     predicted = file.campaign.channels if file.campaign is not None else ()
@@ -144,13 +144,13 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         measured = {c: unit for o in observations for c, unit in zip(o.channels, o.error_units, strict=True)}
         error_model = build_discrepancy(file, measured)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StructidWarning)  # what a prior warns of, `plausibility` asks
+            warnings.simplefilter("ignore", StructidWarning)  # `plausibility` reports the warnings of priors
             posterior = Posterior(space, model, observations, error_model, model_error=file.surrogate.model_error)
     others = tuple(
         load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records, start=1)
     )
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
-    with within("key 'prediction.channels'"):  # refused here, and not after the sampling
+    with within("key 'prediction.channels'"):  # report an error here, not after the sampling
         model.recording(*(file.prediction.channels or model.channels))
     design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))
     sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
@@ -173,13 +173,13 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         loop,
     )
     study = replace(study, plans=_planned(study))
-    _check_something_is_asked(study)
+    _check_something_to_run(study)
     check_before_anything_is_written(study)
     return study
 
 
 def _planned(study: BuiltStudy) -> ByType:
-    """The settings of every stage that has a table in the file."""
+    """Collect the settings of every stage that has a table in the file."""
     plans = ByType()
     for table in stage_tables(study.file):
         planned = table.planned(study)
@@ -188,15 +188,15 @@ def _planned(study: BuiltStudy) -> ByType:
 
 
 def _check_stage_tables(file: StudyFile) -> None:
-    """Refuse a stage that needs draws of the posterior where nothing is measured."""
+    """Reject a stage that needs posterior draws in a study without a measurement."""
     for table in stage_tables(file):
         if table.needs_draws and not file.observation:
             raise InputError(
-                f"table '{table.word}'", "no [observation]", "a measurement, which gives the draws that it starts from"
+                f"table '{table.word}'", "no [observation]", "a measurement, since this stage needs posterior draws"
             )
 
 
-def _check_something_is_asked(study: BuiltStudy) -> None:
+def _check_something_to_run(study: BuiltStudy) -> None:
     if study.posterior is not None or study.campaign is not None or stands_alone(study.file):
         return
     alone = [stage.table.word for stage in stage_list.STAGES if stage.table is not None and not stage.table.needs_draws]
@@ -204,6 +204,6 @@ def _check_something_is_asked(study: BuiltStudy) -> None:
     raise InputError(
         "the file",
         f"neither an [observation] nor {', '.join(most)} nor {last}",
-        "one of them, or several",
-        "Say what to calibrate, or what to run.",
+        "at least one of these tables",
+        "Add the table for the measurement or for the model runs.",
     )

@@ -1,4 +1,4 @@
-"""Certification of external draws of a study's posterior, by runs of its own model."""
+"""Certification of external draws of a study's posterior, by runs of the study's model."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from structid.report.page import write_certificate_report
 from structid.study.folder_layout import TIMINGS
 from structid.study.run import load
 from structid.study.schema.study_file import study_text
-from structid.study.timings import Stage, StagesAsTold, Timings, silent
+from structid.study.timings import Stage, StepProgress, Timings, silent
 
 CERTIFICATE = "certificate.json"
-"""File with all figures of the certificate."""
+"""File with all numbers of the certificate."""
 
 
 def certify_draws(
@@ -32,14 +32,14 @@ def certify_draws(
     stage: Stage = silent,
     executor: Any = None,
 ) -> tuple[Certificate, Path]:
-    """Certify draws in a file against a study's model, measurements and priors."""
+    """Certify draws in a file as draws from the posterior of a study."""
     began = time.perf_counter()
     study, folder = load(path), Path(out)
     if study.posterior is None:
         raise InputError("structid certify", f"a study without [observation]: {path}", "a study with a measurement")
     folder.mkdir(parents=True, exist_ok=True)
     posterior = study.posterior
-    with kept_open(study.model, executor) as workers, StagesAsTold(stage, Timings(folder / TIMINGS)) as report:
+    with kept_open(study.model, executor) as workers, StepProgress(stage, Timings(folder / TIMINGS)) as report:
         certificate = certify(
             posterior,
             draws,
@@ -60,4 +60,4 @@ def certify_draws(
         tuple(posterior.units.values()),
         posterior.factors,
     )
-    return certificate, write_certificate_report(material, folder, {"in all": time.perf_counter() - began})
+    return certificate, write_certificate_report(material, folder, {"total": time.perf_counter() - began})

@@ -1,4 +1,4 @@
-"""Comparison of studies of the same measurement: which model class the data favour."""
+"""Comparison of studies of the same measurement, to find the model class that the data favour."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from structid.study.run import StudyOutcome, stored_outcome
 from structid.study.timings import Stage, silent
 
 DRAWS = 1000
-"""Posterior draws that predict left-out stretches."""
+"""Number of posterior draws that predict held-out segments of the history."""
 PREDICTED = 200
-"""Posterior draws of the bands."""
+"""Number of posterior draws for the prediction bands."""
 _EVIDENCE = "evidence.h5"
 
 
@@ -37,7 +37,7 @@ def compare_studies(
     """Compare finished studies of the same measurement."""
     paths = [Path(f) for f in folders]
     if len(paths) < 2:
-        raise InputError("compare", f"{len(paths)} folder", "two or more that structid run has filled")
+        raise InputError("compare", f"{len(paths)} folder", "two or more output folders of structid run")
     _check_same_measurement(paths)
     return compare_outcomes(paths, [stored_outcome(path, stage) for path in paths], out, stage)
 
@@ -48,7 +48,7 @@ def compare_outcomes(
     """Compare the results of studies of the same measurement."""
     classes = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in its own study
+        warnings.simplefilter("ignore", StructidWarning)  # each report contains the warnings of its surrogate
         for path, name, outcome in zip(paths, _names(paths), outcomes, strict=True):
             with stage(f"comparing {name}"):
                 classes.append(_compared(path, name, outcome))
@@ -64,23 +64,23 @@ def _check_same_measurement(paths: Sequence[Path]) -> None:
     for path in paths:
         identity_file = path / IDENTITY
         if not identity_file.is_file():
-            raise InputError(f"{path}", "it holds no study", "a folder that structid run has filled")
+            raise InputError(f"{path}", "it contains no study", "an output folder of structid run")
         study = json.loads(identity_file.read_text())["study"]
         if "observation" not in study:
-            raise InputError(f"{path}", "a study without an observation", "studies that calibrate to a measurement")
+            raise InputError(f"{path}", "a study without an observation", "a study with a measurement")
         observed[path] = study["observation"]
     others = [p for p in paths if observed[p] != observed[paths[0]]]
     if others:
         raise InputError(
             "compare",
-            f"{paths[0]} and {others[0]}, which are of different measurements",
-            "studies of one and the same measurement",
-            "Evidence says nothing across measurements: give both studies the same record, channels, values and instruments.",
+            f"{paths[0]} and {others[0]}, which use different measurements",
+            "studies of the same measurement",
+            "Give both studies the same record, channels, values and instruments: evidence is comparable only then.",
         )
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Names of the studies, or of their folders where those are equal, without underscores."""
+    """Names of the studies without underscores; names of their folders if the study names are equal."""
     names = [str(json.loads((p / IDENTITY).read_text())["name"]) for p in paths]
     return [name.replace("_", " ") for name in (names if len(set(names)) == len(names) else [p.name for p in paths])]
 
@@ -106,7 +106,7 @@ def _compared(path: Path, name: str, outcome: StudyOutcome) -> ComparedClass:
 
 
 def _share_inside(observations: Sequence[Observation], predictions: Sequence[Prediction]) -> float:
-    """Fraction of all measured values inside their 90 % bands."""
+    """Fraction of all measured values inside the 90 % bands."""
     inside = []
     for observation, prediction in zip(observations, predictions, strict=True):
         low, high = prediction.band(0.9, discrepancy=True)
@@ -115,7 +115,7 @@ def _share_inside(observations: Sequence[Observation], predictions: Sequence[Pre
 
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:
-    """The sampler's evidence; otherwise that of SMC on the same posterior, where it is fast."""
+    """Evidence from the sampler; otherwise from SMC on the same posterior if it is fast, else None."""
     result, calibration = outcome.result, outcome.results.get(CalibrationResult)
     assert result is not None and isinstance(result.target, Posterior)
     evidence = result.log_evidence

@@ -1,4 +1,4 @@
-"""Expected cost of a study, from a few timed runs of its model and of its likelihood under each error model."""
+"""Expected cost of a study, from a few timed runs of its model and evaluations of its likelihood under each error model."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.stages.error_model_stage import sampler_under
 
 USUAL_ROUNDS = 6
-"""Rounds of a calibration of the benchmark study."""
+"""Number of rounds of a calibration in the benchmark study."""
 CHEAP = 1e-3
-"""Duration of a run [s] below which no surrogate is needed."""
+"""Duration of a model run [s] below which no surrogate is needed."""
 LONG = 0.3
-"""Duration of a call [s] above which it is timed once, since other load matters less to it."""
+"""Duration of a call [s] above which the call is timed only once, since other load then matters less."""
 SLOW = 20.0
-"""Duration of a batch [s] above which it is timed once."""
+"""Duration of a batch [s] above which the batch is timed only once."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
-"""Runs of a search from each start, and number of joint linearisations, in the benchmark studies."""
+"""Number of runs per start of a search, and number of linearisations at all starts together, in the benchmark studies."""
 OVERHEAD = 0.4e-6
-"""Time of a sampler itself per move and parameter [s]."""
+"""Overhead of a sampler per move and parameter [s]."""
 SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the error model": 4.0, "sampling": 15.0}
-"""Durations of surrogate steps in the benchmark study with 4001 samples [s]. A surrogate's own speed is known after its fit."""
+"""Durations of surrogate steps in the benchmark study [s]; the speed of a surrogate is known only after its fit."""
 BENCHMARK_SAMPLES = 4001
-"""Samples of the benchmark study's record."""
+"""Number of samples in the record of the benchmark study."""
 PAGE = 14.0
-"""Duration of predictions, figures and page [s]."""
+"""Duration of the predictions, the figures and the page [s]."""
 
 
 @dataclass(frozen=True)
@@ -43,29 +43,29 @@ class Part:
 
     what: str  # description
     seconds: float  # duration on this machine [s]
-    runs: int = 0  # model runs, if it is counted in those
-    batch: int = 1  # runs done together
+    runs: int = 0  # number of model runs; 0 for a part without model runs
+    batch: int = 1  # number of runs computed together
     plan: Plan | None = None  # budget of a certified calibration
 
     def __str__(self) -> str:
         counted = ""
         if self.runs:
             together = f"in batches of {self.batch:,}" if self.batch > 1 else "one after another"
-            counted = f"{self.runs:,} model runs {together}, {1e3 * self.seconds / self.runs:.3g} ms a run: "
+            counted = f"{self.runs:,} model runs {together}, {1e3 * self.seconds / self.runs:.3g} ms per run: "
         spent = "" if self.plan is None else f"\n{_rounds(self.plan)}"
         return f"{self.what}: {counted}about {duration(self.seconds)}{spent}"
 
 
 @dataclass(frozen=True)
-class Cost:
+class StudyCost:
     """Expected cost of a study."""
 
-    parts: tuple[Part, ...]  # In the order of the run
-    batch: int  # runs done together; 1 for an external model
+    parts: tuple[Part, ...]  # parts of the study, in order
+    batch: int  # number of runs computed together; 1 for an external model
     plan: Plan | None = None  # budget of a certified calibration
     otherwise: Part | None = None  # cost of sampling if the data choose drifting parameters
-    longest: float | None = None  # total if a certified calibration uses its whole budget [s]
-    # Whether a time_shift is unknown, so that the model itself runs outside the compiled lanes
+    longest: float | None = None  # total duration if a certified calibration uses its whole budget [s]
+    # Whether a time_shift has a prior: the model then cannot run in compiled vector code
     clock_is_inferred: bool = False
 
     @property
@@ -75,7 +75,7 @@ class Cost:
 
     @property
     def _each(self) -> float:
-        """Duration of a model run in a batch [s]."""
+        """Duration per model run in a batch [s]."""
         return next((part.seconds / part.runs for part in self.parts if part.runs), float("inf"))
 
     def __str__(self) -> str:
@@ -83,48 +83,45 @@ class Cost:
 
     @property
     def conclusion(self) -> str:
-        """The total, and cheaper alternatives, in lines of text."""
-        lines = [f"In all about {duration(self.seconds)} on this machine{self._at_most}."]
+        """The total duration and cheaper alternatives, as lines of text."""
+        lines = [f"Total: about {duration(self.seconds)} on this machine{self._at_most}."]
         if self.otherwise is not None:
             lines.append(
-                f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
-                'first look: kind = "iid" in [discrepancy].'
+                f"If the data choose drifting parameters, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
+                'first result, set kind = "iid" in [discrepancy].'
             )
         if self.clock_is_inferred:
             lines.append(
-                "With a prior of time_shift a run takes about ten times as long. For a first look, give it a number."
+                "With a prior for time_shift, a run takes about ten times as long. For a first result, set it to a number."
             )
         if self.plan is not None and self._each < CHEAP:
             lines.append(
-                f'A run takes {1e3 * self._each:.2g} ms, so that the model itself can be sampled: with kind = "none" in '
-                "[surrogate], and without [calibration], there is nothing to certify."
+                f"A run takes only {1e3 * self._each:.2g} ms, so the model itself can be sampled without a certificate: set "
+                'kind = "none" in [surrogate], and remove [calibration].'
             )
         if self.batch == 1:
-            lines.append(
-                "With --executor the runs of an external model are shared out: divide by the number of workers."
-            )
+            lines.append("With --executor, workers share these runs: divide the duration by the number of workers.")
         return "\n".join(lines)
 
     @property
     def _at_most(self) -> str:
         if self.longest is None or self.plan is None or duration(self.longest) == duration(self.seconds):
             return ""
-        rounds = f"{USUAL_ROUNDS} rounds make the surrogate good enough"
-        return f" if {rounds}, {duration(self.longest)} if it takes all {self.plan.rounds}"
+        rounds = f"{USUAL_ROUNDS} rounds are enough for the surrogate"
+        return f" if {rounds}, {duration(self.longest)} if it needs all {self.plan.rounds} rounds"
 
 
 def _rounds(plan: Plan) -> str:
-    """Describe how a plan spends its runs, and whether it can improve the surrogate."""
+    """Describe how a plan distributes its runs, and whether it allows enough rounds."""
     start, batch = plan.sizes
     description = (
-        f"Of them {start} make the first surrogate and {plan.certificate} the certificate; between them there is room for "
-        f"{plan.rounds} x {batch} more."
+        f"{start} runs train the first surrogate, {plan.certificate} runs are for the certificate, and the others allow "
+        f"{plan.rounds} rounds of {batch} runs."
     )
     if plan.rounds < USUAL_ROUNDS:
         enough = start + USUAL_ROUNDS * batch + plan.certificate
         description += (
-            f" A surrogate mostly takes {USUAL_ROUNDS} to be good enough: "
-            f"calibration.true_runs = {enough} has room for them."
+            f" Most surrogates need {USUAL_ROUNDS} rounds: set calibration.true_runs = {enough} to allow them."
         )
     return description
 
@@ -137,30 +134,30 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 2 else f"{1e3 * seconds:.0f} ms"
 
 
-def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Cost:
-    """Time a few batches of everything that a study repeats, and extrapolate."""
+def estimate(study: BuiltStudy, show: Callable[[str], None] | None = None) -> StudyCost:
+    """Time a few batches of all repeated computations of a study, and extrapolate."""
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
-    # The first may include a compilation, or start a process.
+    # The first batch may include a compilation or the start of a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
     parts, under = [], _under_usual_error_models(study)
     for part in _parts(study, under, each, batch):
         parts.append(part)
-        if tell is not None:
-            tell(str(part))
+        if show is not None:
+            show(str(part))
     more, otherwise = 0.0, None
     if study.posterior is not None and study.has_surrogate:
         usual, longest = (_sum(_through_a_surrogate(study, rounds)) for rounds in _rounds_of(study))
-        more = longest - usual  # where a calibration uses its whole budget [s]
+        more = longest - usual  # additional duration if a calibration uses its whole budget [s]
     elif study.posterior is not None and not study.posterior.costs_runs:
-        # The data may choose drifting parameters, if they can be sampled in lanes.
+        # The data may choose drifting parameters, if compiled vector code can sample them.
         drifting = next((of for of in under if of.error_model.inside and of.in_lanes), None)
         otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
     at_most = _sum(parts) + more if more else None
-    return Cost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
+    return StudyCost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
 
 
 def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: int) -> Iterator[Part]:
-    """The parts of a study in order, given the duration of a run in a batch."""
+    """The parts of a study in order, given the duration per run in a batch."""
     if runs := _true_runs(study):
         yield Part("Campaign", runs * each, runs, batch, study.plan)
     if study.posterior is not None:
@@ -176,7 +173,7 @@ def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: in
 def _sampling_parts(
     study: BuiltStudy, posterior: Posterior, under: Sequence[Posterior], each: float, batch: int
 ) -> Iterator[Part]:
-    """The parts that lead to draws of the posterior."""
+    """The parts that produce draws of the posterior."""
     if study.has_surrogate:
         yield from _through_a_surrogate(study, _rounds_of(study)[0])
     elif posterior.costs_runs:
@@ -197,7 +194,7 @@ def _clock_is_inferred(study: BuiltStudy) -> bool:
 
 
 def _true_runs(study: BuiltStudy) -> int:
-    """Model runs before sampling, and those that decide on a surrogate's proposals."""
+    """Number of model runs before sampling, plus the runs that accept or reject a surrogate's proposals."""
     runs = 0 if study.campaign is None else len(study.campaign)
     if study.plan is not None:
         runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
@@ -216,21 +213,21 @@ def _rounds_of(study: BuiltStudy) -> tuple[int, int]:
 
 
 def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
-    """Cost of fitting, exploring and sampling surrogates, scaled from the benchmark study."""
+    """StudyCost of fitting and sampling surrogates in all rounds, scaled from the benchmark study."""
     longer = sum(len(o.record) * len(o.channels) for o in study.sampled.observations) / BENCHMARK_SAMPLES
-    # Where a surrogate is not good enough after the usual rounds, its posterior is wide, and takes more of everything.
+    # If a surrogate is not good enough after the usual rounds, its posterior is wide, and every step takes longer.
     harder = max(1.0, rounds / (USUAL_ROUNDS + 1))
     parts = [Part("Fitting the surrogate", SURROGATE["fitting"] * rounds * longer)]
     if study.plan is not None:
-        parts.append(Part("Exploring its posterior", SURROGATE["exploring"] * rounds * longer))
+        parts.append(Part("Exploring the surrogate's posterior", SURROGATE["exploring"] * rounds * longer))
     if study.error_model_is_open:
         what = "choosing the error model"
         parts.append(Part(what.capitalize(), SURROGATE[what] * longer * harder))
-    return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer * harder)]
+    return [*parts, Part("Sampling the surrogate", SURROGATE["sampling"] * longer * harder)]
 
 
 def _other_records(study: BuiltStudy, each: float) -> list[Part]:
-    """Runs of an external solver for records that only a NARX can predict."""
+    """Runs of an external solver for other records, unless a NARX predicts them."""
     if study.model.batched or not study.other_records or (study.has_surrogate and "narx" in study.file.surrogate.kind):
         return []
     runs = (study.file.prediction.draws + 1) * len(study.other_records)
@@ -242,7 +239,7 @@ def _sum(parts: Iterable[Part]) -> float:
 
 
 def _under_usual_error_models(study: BuiltStudy) -> list[Posterior]:
-    """The posterior under each error model, where the data choose and the model itself is sampled."""
+    """The posterior under each error model, if the data choose the error model and the model itself is sampled."""
     posterior = study.posterior
     if posterior is None or not study.error_model_is_open or study.has_surrogate or posterior.costs_runs:
         return []
@@ -250,7 +247,7 @@ def _under_usual_error_models(study: BuiltStudy) -> list[Posterior]:
 
 
 def _choice(under: Sequence[Posterior]) -> list[Part]:
-    """The choice of the error model, with a sampling run for each."""
+    """StudyCost of choosing the error model, with one sampling run per error model."""
     if not under:
         return []
     tried = [of for of in under if of.in_lanes or not of.error_model.inside]
@@ -258,7 +255,7 @@ def _choice(under: Sequence[Posterior]) -> list[Part]:
 
 
 def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
-    """Draws of a posterior, those of the start and discarded ones included."""
+    """StudyCost of sampling a posterior, including the initial and the discarded draws."""
     evaluations = sampler.evaluations(posterior.dimension)
     together = sampler.ensembles * sampler.walkers
     phi = posterior.initial(
@@ -280,7 +277,7 @@ def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:
 
 
 def _searches(study: BuiltStudy) -> Iterator[Part]:
-    """Deterministic searches: runs, and linearisations from all starts at once."""
+    """StudyCost of deterministic searches: model runs, and linearisations at all starts together."""
     misfit, starts = study.sampled.misfit, study.file.deterministic.starts
     theta = study.space.sample(starts, seed=study.file.seed).columns(misfit.names)
     for method in study.search_methods:
@@ -292,7 +289,7 @@ def _searches(study: BuiltStudy) -> Iterator[Part]:
 
 
 def _shortest(call: Callable[[], object], repeats: int = 3) -> float:
-    """Shortest of repeated times of a call, after one that may compile; a long call is timed once [s]."""
+    """Shortest of several timings of a call, after a warm-up call that may compile; a long call is timed once [s]."""
     call()
     seconds: list[float] = []
     while len(seconds) < repeats and sum(seconds) < LONG:
@@ -303,7 +300,7 @@ def _shortest(call: Callable[[], object], repeats: int = 3) -> float:
 
 
 def _seconds_per_run(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
-    """Seconds per run of a batch from the prior, for each repeat. The first may include a compilation."""
+    """Seconds per run in a batch of prior draws, for each repetition; the first may include a compilation."""
     theta = study.model.parameters(study.space.sample(batch, seed=study.file.seed))
     seconds = []
     for _ in range(repeats):
@@ -314,7 +311,7 @@ def _seconds_per_run(study: BuiltStudy, batch: int, repeats: int) -> list[float]
             raise InputError(
                 "model",
                 f"its trial run {Status(histories.status[0]).words}: {histories.reasons[0]}",
-                "a model that runs at a draw from the priors",
+                "a model that runs at prior draws",
                 "Correct the model, its files or the priors.",
             )
         if seconds[0] * batch > SLOW:

@@ -1,4 +1,4 @@
-"""All quantities of a study file in SI, as understood: a ton is not a tonne."""
+"""All quantities of a study file converted to SI, which reveals confused units such as ton and tonne."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.study.schema.study_file import study_text
 
 
 def quantities_in_si(path: str | Path) -> list[str]:
-    """List the strings of a study file that are quantities, each with its value in SI."""
+    """List the quantities of a study file with their values in SI."""
     content = tomllib.loads(study_text(Path(path)))
     quantities = [(key, text) for key, text in _texts(content) if is_quantity(text)]
     width = max((len(key) for key, _ in quantities), default=0)
@@ -20,7 +20,7 @@ def quantities_in_si(path: str | Path) -> list[str]:
 
 
 def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
-    """All strings of a tree, with their keys."""
+    """All strings of nested tables and lists, with their keys."""
     items = (
         content.items()
         if isinstance(content, dict)

@@ -1,4 +1,4 @@
-"""The folder of a study: its identity, and copies of its input files."""
+"""The folder of a study: the identity of the study, and copies of its input files."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ def _has_runs(folder: Path) -> bool:
 
 
 def has_draws(folder: Path) -> bool:
-    """Whether there are draws, of a sampling or of a calibration."""
+    """Whether the folder contains draws, of a sampling or of a calibration."""
     return (folder / CHAINS).is_file() or (folder / CALIBRATION_FOLDER / CALIBRATION_FINISHED).is_file()
 
 
 def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
-    """Read the study in a folder, with its file names replaced by the copies."""
+    """Read the study in a folder; its file names point to the copies."""
     identity = folder / IDENTITY
     if not identity.is_file() or not (has_draws(folder) or _has_runs(folder)):
         raise InputError(
             f"{folder}",
-            "it holds no finished study",
-            "a folder that structid run has filled",
-            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+            "it contains no finished study",
+            "an output folder of structid run",
+            "Finish the study first: structid run STUDY.toml --out DIR --resume.",
         )
-    with undamaged(identity, "what identifies a study"):
+    with undamaged(identity, "the identity of a study"):
         identity_of_study = json.loads(identity.read_text(encoding="utf-8"))
     return _with_kept_inputs(folder, identity_of_study["inputs"]), identity_of_study
 
@@ -51,9 +51,9 @@ def rebuilt(folder: Path, file: StudyFile, identity: dict[str, Any]) -> BuiltStu
     if not (has_draws(folder) or (stands_alone(file) and not file.observation)):
         raise InputError(
             f"{folder}",
-            "its sampling has not begun",
-            "a folder that structid run has finished",
-            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+            "its sampling has not started",
+            "the folder of a finished study",
+            "Finish the study first: structid run STUDY.toml --out DIR --resume.",
         )
     study = build(file, folder / INPUTS, Path(identity["folder"]))
     compare_identity(folder, identity["study"], study.identity)
@@ -61,23 +61,23 @@ def rebuilt(folder: Path, file: StudyFile, identity: dict[str, Any]) -> BuiltStu
 
 
 def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
-    """Reserve a folder for this study, or refuse it unchanged."""
+    """Reserve a folder for this study, or reject the folder and leave it unchanged."""
     identity_file = folder / IDENTITY
     if identity_file.is_file():
-        with undamaged(identity_file, "what identifies a study"):
+        with undamaged(identity_file, "the identity of a study"):
             stored = json.loads(identity_file.read_text(encoding="utf-8"))["study"]
         if not (adopt and differences(stored, study.identity) == ["model"]):
             compare_identity(folder, stored, study.identity)
         if not resume:
             raise InputError(
                 f"--out {folder}",
-                "it already holds this study",
+                "it already contains this study",
                 "an empty or new folder",
-                "Add --resume to go on with it, or name another folder.",
+                "Add --resume to continue the study, or choose another folder.",
             )
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(
-            f"--out {folder}", "it is not empty and holds no study", "an empty or new folder", "Name another folder."
+            f"--out {folder}", "it is not empty and has no study", "an empty or new folder", "Choose another folder."
         )
     folder.mkdir(parents=True, exist_ok=True)
     if path.resolve() != (folder / STUDY).resolve():
@@ -94,7 +94,7 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
 
 @contextmanager
 def left_as_it_was(folder: Path) -> Iterator[None]:
-    """Restore a folder's identity if stores in it turn out to belong to another study."""
+    """Restore the identity of a folder if its stores belong to another study."""
     kept = {name: (folder / name).read_bytes() for name in (IDENTITY, STUDY) if (folder / name).is_file()}
     try:
         yield
@@ -105,7 +105,7 @@ def left_as_it_was(folder: Path) -> Iterator[None]:
 
 
 def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
-    """Copy all input files of the study into its folder, so that the report needs nothing else; returns new names by old ones."""
+    """Copy all input files of the study into its folder, so that a report can be rewritten; return the new name of each file."""
     kept: dict[str, str] = {}
     for name in dict.fromkeys(_file_names(study.file.model_dump(exclude={"model"}))):
         kept[name] = f"{len(kept)}/{Path(name).name}"
@@ -129,12 +129,12 @@ def _file_names(content: Any) -> Iterator[str]:
 
 
 def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
-    """Read the stored study with its file names replaced by the copies."""
+    """Read the stored study; its file names point to the copies."""
 
-    def turned(content: Any) -> Any:
+    def renamed(content: Any) -> Any:
         if isinstance(content, dict):
-            return {k: inputs[v] if k == "file" and isinstance(v, str) else turned(v) for k, v in content.items()}
-        return [turned(v) for v in content] if isinstance(content, list) else content
+            return {k: inputs[v] if k == "file" and isinstance(v, str) else renamed(v) for k, v in content.items()}
+        return [renamed(v) for v in content] if isinstance(content, list) else content
 
     path = folder / STUDY
-    return parse_study(turned(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))
+    return parse_study(renamed(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))

@@ -1,9 +1,9 @@
-"""The files in the folder of every study. A stage names its own files itself."""
+"""The files in the folder of every study. Each stage defines the names of its own files."""
 
 from __future__ import annotations
 
 IDENTITY = "identity.json"
-"""Everything on which a study depends, and the location of its inputs."""
+"""All inputs on which a study depends, and their location."""
 
 STUDY = "study.toml"
 """The study file."""
@@ -21,10 +21,10 @@ POSTERIOR = "posterior.nc"
 """Draws and predictions in the ArviZ schema."""
 
 CHAINS = "chains.h5"
-"""Draws of a sampling without calibration."""
+"""Draws of a sampling without a certified calibration."""
 
 SURROGATE = "surrogate.h5"
 """The fitted surrogate."""
 
 SCRATCH = "scratch"
-"""Files of model runs."""
+"""Folder for the files of external model runs."""

@@ -1,23 +1,23 @@
-"""Studies shipped with the package."""
+"""Example studies in the package."""
 
 from __future__ import annotations
 
 from importlib import resources
 
 STUDIES = ("measured", "bouc_wen", "shear_frame", "facade", "external")
-"""Calibrations, for `structid run`."""
+"""Studies for `structid run`."""
 
 PROGRAMMES = ("hybrid", "hybrid_facade")
-"""Programmes of hybrid tests, for `structid hybrid`."""
+"""Programmes of hybrid tests for `structid hybrid`."""
 
 TEMPLATES = (*STUDIES, *PROGRAMMES)
-"""All names."""
+"""Names of all example studies."""
 
 SOLVERS = {"external": "external_solver.py"}
-"""Additional files of a packaged study."""
+"""Additional file of an example study."""
 
 
 def template(name: str) -> str:
-    """Text of a packaged study, or of its solver."""
+    """Text of an example study, or of its solver."""
     file = f"{name}.toml" if name in TEMPLATES else name
     return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")

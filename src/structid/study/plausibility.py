@@ -1,4 +1,4 @@
-"""Plausibility of model and measurement before any long run, which reveals wrong units."""
+"""Plausibility checks of model and measurement before a long run; they reveal wrong units."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 
 PRIOR_DRAWS = 1024
-"""Draws of the priors for derived quantities."""
+"""Number of prior draws for derived quantities."""
 
 LARGEST_PGA = 5.0
 """Largest plausible ground acceleration [g]: more than the 4.4 g (vector sum) at IWTH25 in Iwate-Miyagi in 2008."""
 
 FREQUENCIES = (0.03, 300.0)
-"""Range of the lowest natural frequency [Hz] of test structures: from a suspension bridge to a stiff small specimen."""
+"""Plausible range of the lowest natural frequency [Hz]: from a suspension bridge to a small, stiff specimen."""
 
 BETWEEN = 0.25
-"""Prior probability of each parameter at the point run between two runs of one point."""
+"""Prior quantile of every parameter in the run between two runs at the prior medians."""
 
 SAME = 1e-6
-"""Difference of two runs of one point, relative to the peak, that may be rounding in another order of summation."""
+"""Largest difference between two runs at the same point, relative to the peak, that rounding can cause."""
 
 
 @dataclass(frozen=True)
 class Plausibility:
-    """Comparison of a run at the priors' medians with the measurement."""
+    """Comparison of a run at the prior medians with the measurement."""
 
-    said: tuple[str, ...]  # findings, one sentence each
-    questions: tuple[str, ...]  # probable mistakes, one sentence each
-    # For each observation whose simulation succeeded, model and measurement channel by channel, for `plot`
+    findings: tuple[str, ...]  # sentences
+    questions: tuple[str, ...]  # questions about probable mistakes
+    # Model and measurement of each channel, for each observation whose simulation succeeded; used by `plot`
     pairs: tuple[tuple[SideBySide, ...], ...] = field(default=(), repr=False)
 
     def plot(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Draw each measurement with its record and the model's response at the priors' medians."""
+        """Draw each measurement with its record and the model response at the prior medians."""
         Path(folder).mkdir(parents=True, exist_ok=True)
         written = []
         for number, pairs in enumerate(self.pairs, start=1):
@@ -70,25 +70,25 @@ class Plausibility:
         return written
 
 
-def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Plausibility:
-    """Compare the response at the priors' medians with each measured history; see `SideBySide`."""
+def plausibility(study: BuiltStudy, show: Callable[[str], None] | None = None) -> Plausibility:
+    """Compare the response at the prior medians with each measured history; see `SideBySide`."""
     questions = _of_the_records(study)
     if study.posterior is None:
         return Plausibility((), tuple(questions))
     findings: list[str] = []
 
-    def say(*sentences: str) -> None:
+    def report(*sentences: str) -> None:
         findings.extend(sentences)
-        if tell is not None:
+        if show is not None:
             for sentence in sentences:
-                tell(sentence)
+                show(sentence)
 
     medians = study.model.parameters(_point(study, 0.5))
-    say(*([] if study.loop is None else [str(study.loop)]), *_of_the_priors(study))
+    report(*([] if study.loop is None else [str(study.loop)]), *_of_the_priors(study))
     unstable = unstable_in_words(unstable_share(study.space, study.model))
     questions += [unstable] if unstable else []
     for error in _errors_of_the_integration(study, medians):
-        say(*([] if error.too_large else [str(error)]))
+        report(*([] if error.too_large else [str(error)]))
         questions += [error.question] if error.too_large else []
     questions += _of_the_frequency(study, medians)
     compared: list[tuple[SideBySide, ...]] = []
@@ -99,13 +99,13 @@ def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"
             reason = run.reasons[0].rstrip(".")
             questions.append(
-                f"At the priors' medians the {who} fails on {observation.record.name}: {reason}. Are priors and units right?"
+                f"At the prior medians, the {who} fails for {observation.record.name}: {reason}. Are the priors and units right?"
             )
             continue
         pairs = SideBySide.of({c: run.channel(c)[0] for c in run.channels}, run.units, observation)
         compared.append(pairs)
         for pair in pairs:
-            say(f"At the priors' medians the {pair.sentence}")
+            report(f"At the prior medians, the {pair.sentence}")
             questions += pair.questions.values() if np.ptp(pair.measured) > 0.0 else ()
     if compared and not study.model.batched:
         questions += _of_memory(study, compared[0])
@@ -113,13 +113,13 @@ def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -
 
 
 def _point(study: BuiltStudy, probability: float) -> Design:
-    """The point at which every parameter has this prior probability."""
+    """The point at which every parameter is at this prior quantile."""
     space = study.space
     return Design(space.from_uniform(np.full((1, space.dimension), probability)), space)
 
 
 def _of_the_records(study: BuiltStudy) -> list[str]:
-    """Faults that the ground motions show by themselves."""
+    """Questions about faults in the records."""
     measured = [o.record for o in study.posterior.observations] if study.posterior is not None else []
     records = {
         id(r): r for r in (*measured, *study.campaign_records, *study.other_records) if isinstance(r, GroundMotion)
@@ -129,28 +129,28 @@ def _of_the_records(study: BuiltStudy) -> list[str]:
         name = f"record {record.name}" if record.name else "record"
         if record.pga > LARGEST_PGA * STANDARD_GRAVITY:
             questions.append(
-                f"The {name} has a PGA of {record.pga / STANDARD_GRAVITY:.3g} g, more than any ground has shown (4.4 g). "
-                "Is the unit of its file right? A specimen at a reduced scale may see more."
+                f"The {name} has a PGA of {record.pga / STANDARD_GRAVITY:.3g} g, above the largest ever recorded (4.4 g). "
+                "Is the unit of its file right? Only a test at reduced scale may need a larger PGA."
             )
         questions += [gap(name, record.values, record.dt), clipped(name, record.values, record.unit)]
     return [question for question in questions if question]
 
 
 def _of_the_frequency(study: BuiltStudy, theta: np.ndarray) -> list[str]:
-    """Whether the natural frequency is plausible: a forgotten unit makes a stiffness a million times too small."""
+    """Question about an implausible natural frequency: a forgotten unit makes a stiffness a million times too small."""
     frequency = study.model.natural_frequency(theta)
     assert study.posterior is not None
     shaken = any(not isinstance(o.record, DisplacementHistory) for o in study.posterior.observations)
     if frequency is None or not shaken or FREQUENCIES[0] <= float(frequency[0]) <= FREQUENCIES[1]:
         return []
     return [
-        f"At the priors' medians the lowest natural frequency is {float(frequency[0]):.2g} Hz, which no structure has. Are mass "
-        "and stiffness in the units you mean, and a number without a unit in SI?"
+        f"At the prior medians, the lowest natural frequency is {float(frequency[0]):.2g} Hz, outside the range of structures. "
+        "Are the units of mass and stiffness right? A number without a unit is in SI."
     ]
 
 
 def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[IntegrationError]:
-    """The largest integration error over the records; none for an external model."""
+    """The largest integration error over all records; empty for an external model."""
     if study.posterior is None or not isinstance(study.model, TraceableModel):
         return []
     records = {o.record.content_hash: o.record for o in study.posterior.observations}.values()
@@ -159,12 +159,12 @@ def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[Int
 
 
 def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
-    """Whether an external model repeats its result after another point, which a certificate requires."""
+    """Question about an external model whose result changes after another run; a certificate needs reproducible runs."""
     record = first[0].record
     study.model.simulate(study.model.parameters(_point(study, BETWEEN)), record)
     again = study.model.simulate(study.model.parameters(_point(study, 0.5)), record)
     if not again.done[0]:
-        return [f"Run twice at the priors' medians, the model finishes once: {again.reasons[0]}"]
+        return [f"The second of two runs at the prior medians failed: {again.reasons[0]}"]
     pairs = SideBySide.of({c: again.channel(c)[0] for c in again.channels}, again.units, first[0].observation)
     differences = [
         float(np.abs(one.modelled - other.modelled).max()) / float(np.abs(one.modelled).max() or 1.0)
@@ -173,17 +173,17 @@ def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
     if max(differences) < SAME:
         return []
     return [
-        f"Run twice at the priors' medians, with another point between, the model differs by {max(differences):.2g} of its peak. "
-        "Does it keep something of the run before, or draw random numbers? Start each run anew, with a fixed seed."
+        f"Two runs at the prior medians, with another run between them, differ by {max(differences):.2g} of the peak. Does the "
+        "model keep state from the previous run, or use random numbers? Start each run afresh, with a fixed seed."
     ]
 
 
 def _of_the_priors(study: BuiltStudy) -> list[str]:
-    """Derived quantities under the priors, such as a yield displacement."""
+    """Sentences on derived quantities under the priors, such as a yield displacement."""
     draws = study.model.parameters(study.space.sample(PRIOR_DRAWS, 0, "sobol"))
     findings = []
     for name, (values, unit) in study.model.derived_quantities(draws).items():
         low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf") / factor(unit)
         upper = f"{low:.3g} to {high:.3g} {unit}" if np.isfinite(high) else f"above {low:.3g} {unit}"
-        findings.append(f"By the priors the {name} is {upper} with 90 % probability, its median {middle:.3g} {unit}.")
+        findings.append(f"Prior of the {name}: {upper} with 90 % probability, median {middle:.3g} {unit}.")
     return findings

@@ -1,4 +1,4 @@
-"""Run a study from its file to its report. Completed work is on disk, and an interrupted run continues."""
+"""Run a study, from the study file to the report. Finished work is on disk, and an interrupted run can continue."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class StudyOutcome:
     """Outcome of a study."""
 
     results: ByType  # results of its stages, by type
-    report: Path  # the page
-    material: PosteriorMaterial | None = None  # everything for the page; None for a study without an observation
+    report: Path  # path of the page
+    material: PosteriorMaterial | None = None  # data of the page; None for a study without an observation
 
     @property
     def result(self) -> SamplingResult | None:
@@ -45,14 +45,14 @@ class StudyOutcome:
 
     @property
     def trusted(self) -> bool:
-        """Whether its numbers may be believed: converged, and certified where requested."""
+        """Whether the results can be trusted: the sampling has converged and, if requested, the surrogate is certified."""
         if (calibration := self.results.get(CalibrationResult)) is not None:
             return calibration.trusted
         return self.result is None or self.result.verdict().converged
 
 
 def load(path: str | Path) -> BuiltStudy:
-    """Read and build a study file."""
+    """Read a study file and build the study."""
     return build(read_study(path), Path(path).resolve().parent)
 
 
@@ -72,25 +72,25 @@ def run_study(
     with (
         left_as_it_was(folder),
         kept_open(study.model, executor) as workers,
-    ):  # a missing executor is reported before a folder is taken
+    ):  # a missing executor is reported before the folder is reserved
         claim(folder, study, Path(path), resume or retry or adopt, adopt)
         workplace = Workplace(folder, stage, workers, retry, adopt)
         return _work(study, workplace)
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
-    """Write the report again from what is stored."""
+    """Rewrite the report from stored results."""
     folder = Path(folder)
     file, identity = stored_study(folder)
     workplace = Workplace(folder, stage)
     if not (file.observation or stands_alone(file)):
-        # Runs alone: the solver is not needed, and may have changed or gone.
+        # A study with runs only does not need its solver, which may have changed or be missing.
         return _runs_again(file, workplace)
     return _work(rebuilt(folder, file, identity), workplace)
 
 
 def _runs_again(file: StudyFile, workplace: Workplace) -> StudyOutcome:
-    """Show stored runs and their surrogate without the model."""
+    """Write the page of stored runs and their surrogate, without the model."""
     runs, fitted = open_runs(workplace.folder / CAMPAIGN_RUNS), workplace.folder / SURROGATE
     surrogate = load_surrogate(fitted) if fitted.is_file() else None
     results = ByType({Runs: runs, Surrogate: surrogate})
@@ -111,12 +111,12 @@ def _work(study: BuiltStudy, workplace: Workplace) -> StudyOutcome:
     with run_map(study.model, workplace.executor) as map_of_runs, warnings.catch_warnings():
         if study.posterior is not None:
             study = replace(study, posterior=study.posterior.mapped_by(map_of_runs))
-            warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
+            warnings.simplefilter("ignore", StructidWarning)  # the verdict contains the warnings of a surrogate
         state = StudyState(study, true_posterior=study.posterior)
         for stage in (*stage_list.STAGES, *([stage_list.PAGE_STAGE] if workplace.page else [])):
             if stage.wanted(state):
                 state = stage.run(state, workplace)
     material = state.results.get(PosteriorMaterial)
-    if material is None and SamplingResult in state.results:  # no page was asked for
+    if material is None and SamplingResult in state.results:  # no page was requested
         material = posterior_material(state, workplace)
     return StudyOutcome(state.results, workplace.folder / PAGE, material)

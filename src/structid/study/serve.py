@@ -1,4 +1,4 @@
-"""A study over UM-Bridge: its model as "forward", its posterior's log density as "posterior"."""
+"""A study over UM-Bridge: its model as "forward", its log posterior density as "posterior"."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from structid.study.building.built_study import BuiltStudy
 
 
 class ServedPosterior(Served):
-    """A posterior with the interface of ``umbridge.serve_models``: all parameters in SI in, one number out."""
+    """A posterior with the interface of ``umbridge.serve_models``: the input is all parameters in SI, the output one number."""
 
     def __init__(self, posterior: Posterior, name: str = "posterior") -> None:
         super().__init__(name, differentiable=False)
         self.posterior = posterior
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the input vectors."""
+        """Sizes of the input vectors."""
         return [self.posterior.dimension]
 
     def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the output vectors."""
+        """Sizes of the output vectors."""
         return [1]
 
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
-        """Log posterior density; where it is zero, the most negative number, since JSON has no infinity."""
+        """Log posterior density; the most negative number for zero density, since JSON has no infinity."""
         density = float(self.posterior.log_density(np.array(parameters))[0])
         return [[max(density, -np.finfo(float).max)]]
 

@@ -1,4 +1,4 @@
-"""Simulation-based calibration of a study: replicas of its measurement with known parameters, each calibrated."""
+"""Simulation-based calibration of a study: replicas of its measurement with known parameters are simulated and calibrated."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def check_by_simulation(
     stage: Stage = silent,
     executor: Any = None,
 ) -> tuple[Ranks, Path | None]:
-    """Simulate measurements with a study's model and error model, and calibrate to each.
+    """Simulate measurements with the model and the error model of a study, and calibrate to each measurement.
 
-    A study with a [surrogate] and no [calibration] is tested with its surrogate, fitted to its campaign, on measurements
-    simulated by the model itself. A certified calibration builds its surrogate for one posterior, so that it is of no use for
-    others; a built-in model is then sampled itself.
+    A study with a [surrogate] but no [calibration] is tested with its surrogate, fitted to its campaign, on measurements that
+    the model itself simulates. The surrogate of a certified calibration is valid for one posterior only; for such a study, the
+    built-in model itself is sampled.
     """
     study = load(path)
     if study.posterior is None:
-        raise InputError(f"{path}", "a study without an observation", "one that says what is measured")
+        raise InputError(f"{path}", "a study without an observation", "a study with a measurement")
     folder = None if out is None else Path(out)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -42,9 +42,9 @@ def check_by_simulation(
     if not by_surrogate and not study.model.batched:
         raise InputError(
             f"{path}",
-            "an external model that would be run a million times",
+            "an external model, which would need a million runs",
             "a [surrogate] fitted to a [campaign] over the whole prior",
-            "Leave [calibration] out for this: its surrogate is good only near one posterior.",
+            "Remove [calibration] for this check: its surrogate is valid only near one posterior.",
         )
     with kept_open(study.model, executor) as workers:
         posterior = study.posterior.on(_surrogate(study, folder, stage, workers)) if by_surrogate else study.posterior
@@ -63,7 +63,7 @@ def check_by_simulation(
 
 
 def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: Any) -> Surrogate:
-    """Run the study's campaign, and fit its surrogate."""
+    """Run the campaign of a study, and fit its surrogate."""
     assert study.campaign is not None
     store = None if folder is None else folder / _RUNS
     campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")

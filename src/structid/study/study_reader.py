@@ -1,4 +1,4 @@
-"""A study file read and checked: its tables take the keys of every listed kind and stage."""
+"""Reading and checking of study files; their tables accept the keys of every registered kind and stage."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from structid.inference.sampling.sampler_list import SamplerKind
 from structid.models import model_list
 from structid.models.model_kind import ModelKind
 from structid.study.schema.kinds import (
-    discrepancy_section,
-    model_section,
-    sampler_section,
-    surrogate_section,
-    virtual_section,
+    discrepancy_table,
+    model_table,
+    sampler_table,
+    surrogate_table,
+    virtual_table,
 )
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.static_tables import ObservationSection
+from structid.study.schema.static_tables import ObservationTable
 from structid.study.schema.study_file import StudyFile, study_content
 from structid.study.stages import stage_list
 from structid.study.stages.stage import StageTable
@@ -33,7 +33,7 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 def study_file() -> type[StudyFile]:
-    """Type of a study file, with the kinds registered now."""
+    """Type of a study file, with the currently registered kinds."""
     return _study_file(
         model_list.MODELS,
         tuple(surrogates.KINDS),
@@ -51,11 +51,11 @@ def _study_file(
     sampler_kinds: tuple[SamplerKind, ...],
     stage_tables: tuple[type[StageTable], ...],
 ) -> type[StudyFile]:
-    virtual: Any = virtual_section(kind for kind in model_kinds if not kind.is_a_solver)
-    observation: Any = create_model("observation_section", __base__=ObservationSection, virtual=(virtual | None, None))
-    surrogate: Any = surrogate_section(surrogate_kinds)
-    discrepancy: Any = discrepancy_section(error_model_kinds)
-    sampler: Any = sampler_section(sampler_kinds)
+    virtual: Any = virtual_table(kind for kind in model_kinds if not kind.is_a_solver)
+    observation: Any = create_model("observation_table", __base__=ObservationTable, virtual=(virtual | None, None))
+    surrogate: Any = surrogate_table(surrogate_kinds)
+    discrepancy: Any = discrepancy_table(error_model_kinds)
+    sampler: Any = sampler_table(sampler_kinds)
     one_or_several: Any = Annotated[
         tuple[observation, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ]
@@ -63,7 +63,7 @@ def _study_file(
     result: type[StudyFile] = create_model(
         "StudyFile",
         __base__=StudyFile,
-        model=(model_section(model_kinds), ...),
+        model=(model_table(model_kinds), ...),
         observation=(one_or_several, ()),
         surrogate=(surrogate, surrogate(kind="none")),
         discrepancy=(discrepancy, discrepancy()),
@@ -74,14 +74,14 @@ def _study_file(
 
 
 def stage_tables(file: StudyFile) -> Iterator[StageTable]:
-    """The tables of a file that ask for stages, in the order of the stages."""
+    """The tables of a file that request stages, in the order of the stages."""
     for stage in stage_list.STAGES:
         if stage.table is not None and (given := getattr(file, stage.table.word, None)) is not None:
             yield given
 
 
 def stands_alone(file: StudyFile) -> bool:
-    """Whether a table asks for a stage that needs no measurement."""
+    """Whether a table requests a stage that needs no measurement."""
     return any(not table.needs_draws for table in stage_tables(file))
 
 

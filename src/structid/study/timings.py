@@ -1,4 +1,4 @@
-"""Durations of a study's stages, and their progress bars."""
+"""Durations and progress bars of the stages of a study."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from structid.core.journal import write_then_rename
 from structid.core.progress import Progress
 
 Stage = Callable[[str], Any]
-"""Opens a progress bar for a stage: a context manager that yields a `Progress`."""
+"""Function that opens a progress bar for a stage: it returns a context manager that yields a `Progress`."""
 
 
 @contextmanager
 def silent(_: str) -> Iterator[Progress | None]:
-    """Stage without a progress bar."""
+    """Run a stage without a progress bar."""
     yield None
 
 
 class Timings:
-    """Durations of all stages on disk: a stage that is read from disk keeps the duration of its computation."""
+    """Durations of all stages, stored on disk: a stage that is read from disk keeps the duration of its computation."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -36,7 +36,7 @@ class Timings:
 
     @contextmanager
     def measured(self, name: str, goes_on: bool = False, once: bool = False) -> Iterator[None]:
-        """Measure a stage."""
+        """Measure and store the duration of a stage."""
         before = self.seconds.get(name, 0.0)
         began = time.perf_counter()
         yield
@@ -44,14 +44,14 @@ class Timings:
             self.put(name, (before if goes_on else 0.0) + time.perf_counter() - began)
 
 
-class StagesAsTold:
-    """Opens a bar for each step reported by a calibration, and adds up its duration."""
+class StepProgress:
+    """Callback that opens a progress bar for each step of a calibration, and adds up the durations of the steps."""
 
     def __init__(self, stage: Stage, timings: Timings) -> None:
         self._stage, self._timings, self._doing = stage, timings, ""
         self._open, self._bar = ExitStack(), None
 
-    def __enter__(self) -> StagesAsTold:
+    def __enter__(self) -> StepProgress:
         return self
 
     def __exit__(self, *exception: object) -> None:

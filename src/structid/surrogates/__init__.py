@@ -1,1 +1,1 @@
-"""Surrogates: cheap models fitted to runs of an expensive one."""
+"""Surrogates: inexpensive models fitted to runs of an expensive model."""

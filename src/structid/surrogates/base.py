@@ -1,4 +1,4 @@
-"""The interface of every surrogate of response histories: a model fitted to runs, with its error and its range."""
+"""The interface of every surrogate of response histories: a model fitted to runs, with an error and a range."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from structid.surrogates.surrogate_validation import Validation, validate
 
 
 class SurrogateSettings(Protocol):
-    """What the settings of every kind of surrogate can do.
+    """Interface of the settings of every kind of surrogate.
 
     Attributes
     ----------
     warm_start : bool
-        Whether `fit` takes ``start=``, a surrogate fitted to fewer runs from which its search begins.
+        Whether `fit` accepts ``start=``, a surrogate fitted to fewer runs, as the start of its search.
     weighted : bool
-        Whether `fit` takes ``weights=``, how much the error of each run counts.
+        Whether `fit` accepts ``weights=``, the weights of the errors of the runs.
     """
 
     warm_start: ClassVar[bool]
@@ -46,35 +46,35 @@ class SurrogateSettings(Protocol):
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error with which it may be used in a posterior."""
+        """Largest mean relative error accepted in a posterior."""
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made.
+        """Check the settings against planned runs.
 
         Parameters
         ----------
         design : Design
-            Their points.
+            Points of the planned runs.
         records : sequence of Excitation
-            What will drive them.
+            Records of the planned runs.
         channels : sequence of str
-            What they will return.
+            Channels of the planned runs.
 
         Raises
         ------
         InputError
-            If no surrogate can be fitted to them.
+            If no surrogate can be fitted to the planned runs.
         """
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> Surrogate:
-        """Fit to runs.
+        """Fit a surrogate to runs.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for.
+            Runs of the replaced model.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
 
         Returns
         -------
@@ -84,21 +84,21 @@ class SurrogateSettings(Protocol):
 
 
 class Surrogate(TraceableModel, StandIn):
-    """A model fitted to runs of another one.
+    """A model fitted to runs of another model.
 
     Parameters
     ----------
     fit : Fit
-        How it came about.
+        Record of the fit.
 
     Attributes
     ----------
     validation : Validation or None
-        What the last call of `validate` found.
+        Result of the last call of `validate`.
 
     Examples
     --------
-    A fitted surrogate is a model, with an error of its own; `tests/architecture/trial/new_surrogate.py` is a complete one.
+    A fitted surrogate is a model with an error estimate; `tests/architecture/trial/new_surrogate.py` is a complete example.
 
     >>> import structid as si
     >>> space = si.ParameterSpace(stiffness=si.Uniform(5e6, 9e6))
@@ -119,13 +119,13 @@ class Surrogate(TraceableModel, StandIn):
         self.free = fit.space.names
         self.channels = fit.channels
         self.validation: Validation | None = None
-        self.trusted = False  # whatever its error; see `trust`
+        self.trusted = False  # allowed in a posterior whatever its error; see `trust`
 
-    # --- what a kind of surrogate implements --------------------------------------------------------------------
+    # --- to be implemented by each kind of surrogate ------------------------------------------------------------
 
     @abstractmethod
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation the surrogate knows nothing about."""
+        """Refuse an excitation for which the surrogate is not valid."""
 
     @abstractmethod
     def standard_deviation(
@@ -134,56 +134,56 @@ class Surrogate(TraceableModel, StandIn):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of the surrogate's own error.
+        """Return the standard deviation of the surrogate's error.
 
         Parameters
         ----------
         theta : ndarray, shape (run, parameter)
             Points in SI.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
         values : ndarray, shape (run, time, channel)
-            The predictions there.
+            Predictions of the surrogate.
 
         Returns
         -------
         ndarray, shape (run, time, channel)
-            In SI.
+            Standard deviations in SI.
         """
 
     @property
     def kind_in_words(self) -> str:
-        """Its kind in a few words that follow "a"."""
+        """Kind of the surrogate, in a few words that follow "a"."""
         return f"{self.fitted.kind} surrogate"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """Further lines of its report besides the settings: names and values."""
+        """Additional lines of a report besides the settings: names and values."""
         return []
 
     @abstractmethod
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of besides `fitted`, for a file.
+        """Return the contents of the surrogate other than `fitted`, for a file.
 
         Returns
         -------
         tuple of dict
-            What JSON can hold, and arrays.
+            JSON-compatible contents, and arrays.
         """
 
     @classmethod
     @abstractmethod
     def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Surrogate:
-        """Make a surrogate again from what `to_plain` gave.
+        """Rebuild a surrogate from the result of `to_plain`.
 
         Parameters
         ----------
         fit : Fit
-            How it came about.
+            Record of the fit.
         plain : dict
-            What JSON can hold.
+            JSON-compatible contents.
         arrays : mapping of str to ndarray
-            The arrays.
+            Arrays of the surrogate.
 
         Returns
         -------
@@ -191,11 +191,11 @@ class Surrogate(TraceableModel, StandIn):
             The same surrogate.
         """
 
-    # --- the same for all ---------------------------------------------------------------------------------------
+    # --- common to all kinds ------------------------------------------------------------------------------------
 
     @property
     def stand_in(self) -> StandIn:
-        """Itself: it replaces the model it was fitted to."""
+        """The surrogate itself, since it replaces the model to which it was fitted."""
         return self
 
     @property
@@ -205,39 +205,39 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def error(self) -> float:
-        """Mean relative error: as validated, or as estimated during the fit."""
+        """Mean relative error from the validation, or, without a validation, estimated during the fit."""
         return self.fitted.error if self.validation is None else self.validation.mean
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check the excitation, and say which points lie outside the range of the design."""
+        """Check the excitation, and warn of points outside the range of the design."""
         self.check_excitation(excitation)
         if not np.isfinite(theta).all():
             bad = int(np.count_nonzero(~np.isfinite(theta).all(axis=1)))
-            raise InputError(f"{self.fitted.kind}.simulate", f"{bad} points that are not finite", "finite numbers")
+            raise InputError(f"{self.fitted.kind}.simulate", f"{bad} points are not finite", "finite numbers")
         outside = self.outside(theta)
         if self.fitted.outside == "allow" or not outside.any():
             return
-        came = f"{np.count_nonzero(outside)} of {len(theta)} points outside the range of the {self.fitted.runs} runs"
+        came = f"{np.count_nonzero(outside)} of {len(theta)} points are outside the range of the {self.fitted.runs} training runs"
         allowed = self._range()
         if self.fitted.outside == "refuse":
             raise InputError(
-                f"{self.fitted.kind}.simulate", came, allowed, "Fit it to more runs there, or allow it (outside=…)."
+                f"{self.fitted.kind}.simulate", came, allowed, "Fit the surrogate to runs there, or set outside=…."
             )
         warnings.warn(
-            f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds {self._beyond_in_words}.",
+            f"{self.fitted.kind}: {came} ({allowed}). There the response is computed {self._beyond_in_words}.",
             StructidWarning,
             stacklevel=3,
         )
 
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Say which points lie outside the range of the design."""
+        """Return a mask of the points outside the range of the design."""
         return np.asarray(self._beyond(theta))
 
     def _beyond(self, theta: Any) -> Any:
         return ((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1)
 
     def held_inside(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Move points further outside the range of the design than it reaches to where it ends: polynomials run away.
+        """Move points beyond the permitted extrapolation to its boundary, since polynomials diverge far from the design.
 
         Parameters
         ----------
@@ -247,18 +247,18 @@ class Surrogate(TraceableModel, StandIn):
         Returns
         -------
         array, shape (run, parameter)
-            Of the kind `theta` is.
+            Points, with the array type of `theta`.
         """
         return namespace(theta).clip(theta, *self.fitted.ends)
 
     @property
     def _beyond_in_words(self) -> str:
         if not self.fitted.reach:
-            return "as at the edge"
-        return f"by extrapolation, up to {self.fitted.reach:g} times that range, and as there further out"
+            return "at the nearest point of the range"
+        return f"by extrapolation up to {self.fitted.reach:g} times the range, and beyond this at the nearest point of that limit"
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
-        """Say which points a posterior may use: all, unless those outside are to be refused.
+        """Return a mask of the points for a posterior: all points, unless points outside the range are refused.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class Surrogate(TraceableModel, StandIn):
         Returns
         -------
         jax.Array of bool, shape (run,)
-            False has no density.
+            False for points without density.
         """
         return ~self._beyond(theta) | (self.fitted.outside != "refuse")
 
@@ -281,21 +281,21 @@ class Surrogate(TraceableModel, StandIn):
     def predict(
         self, design: Design | np.ndarray, excitation: Excitation, return_std: bool = False
     ) -> Histories | tuple[Histories, np.ndarray]:
-        """Simulate, with the surrogate's own uncertainty if asked for.
+        """Simulate, on request with the uncertainty of the surrogate.
 
         Parameters
         ----------
         design : Design or array-like, shape (run, parameter)
             Parameters in SI.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
         return_std : bool
-            Also give the standard deviation of the surrogate's error.
+            Also return the standard deviation of the surrogate's error.
 
         Returns
         -------
         Histories, or tuple of Histories and ndarray (run, time, channel)
-            In SI.
+            Responses, and standard deviations in SI.
         """
         histories = self.simulate(design, excitation)
         if not return_std:
@@ -306,38 +306,38 @@ class Surrogate(TraceableModel, StandIn):
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from what the surrogate knows of its own error.
+        """Draw responses from the error estimate of the surrogate.
 
         Parameters
         ----------
         theta : ndarray, shape (run, parameter)
-            Points in SI, a draw for each.
+            Points in SI; one draw for each point.
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
         rng : numpy.random.Generator
             Source of randomness.
 
         Returns
         -------
         ndarray, shape (run, time, channel)
-            In SI. Unless the kind of surrogate knows better, an error keeps its sign over time: the worst that it can do.
+            Responses in SI. By default an error keeps its sign over time, which is the worst case.
         """
         values = self.run(theta, excitation).values
         error = rng.standard_normal((len(theta), 1, values.shape[2]))
         return np.asarray(values + error * self.standard_deviation(theta, excitation, values))
 
     def validate(self, runs: Runs, progress: Progress | None = None, fitted: bool = False) -> Validation:
-        """Compare with runs the surrogate was not fitted to, and keep the outcome, which decides whether it may be used.
+        """Compare the surrogate with independent runs. The stored result decides whether a posterior may use the surrogate.
 
         Parameters
         ----------
         runs : Runs
-            Runs of the model it stands for.
+            Runs of the replaced model.
         progress : callable, optional
-            Called with the number of compared runs and the total.
+            Callback whose arguments are the number of compared runs and the total number.
         fitted : bool
-            Allow runs it was fitted to, to see what the fit leaves of them. That says nothing of other runs, so the outcome is not
-            kept.
+            Allow training runs, to determine the residuals of the fit. They give no information about other runs, so the result is
+            not stored.
 
         Returns
         -------
@@ -349,12 +349,12 @@ class Surrogate(TraceableModel, StandIn):
         if isinstance(runs, Runs) and self.fitted.seen:
             again = len(set(self.fitted.seen) & set(run_digests(runs)))
             if again:
-                came, allowed = f"{again} of the runs it was fitted to", "runs it has not seen"
+                came, allowed = f"{again} of the runs are training runs", "runs that were not used in the fit"
                 raise InputError(
                     f"{self.fitted.kind}.validate",
                     came,
                     allowed,
-                    "Draw others: space.sample(500, seed=2). To see what the fit leaves of its own runs: fitted=True.",
+                    "Draw other points: space.sample(500, seed=2). For the residuals of the training runs: fitted=True.",
                 )
         self.validation = validate(self, runs, progress)
         return self.validation
@@ -364,46 +364,46 @@ class Surrogate(TraceableModel, StandIn):
         self.trusted = True
 
     def check_fitness(self) -> None:
-        """Refuse to be used in a posterior if the error exceeds the limit."""
+        """Refuse use in a posterior if the error exceeds the limit."""
         if self.trusted or self.error <= self.fitted.limit:
             return
-        source = "estimated while fitting" if self.validation is None else "on the validation runs"
+        source = "estimated during the fit" if self.validation is None else "on the validation runs"
         raise InputError(
             f"{self.fitted.kind} in a posterior",
             f"a mean relative error of {self.error:.2g} ({source})",
-            f"{self.fitted.limit:.2g} or less",
-            "Fit it to more runs, raise its limit, or call trust() if that is good enough.",
+            f"an error of {self.fitted.limit:.2g} or less",
+            "Fit the surrogate to more runs, raise its limit, or call trust() if this error is acceptable.",
         )
 
     def with_limit(self, limit: float) -> Self:
-        """Return this surrogate with another limit of its error.
+        """Return a copy of this surrogate with another error limit.
 
         Parameters
         ----------
         limit : float
-            Largest mean error with which it may be used in a posterior.
+            Largest mean error accepted in a posterior.
 
         Returns
         -------
         Surrogate
-            A copy with that limit.
+            The copy.
         """
         other = copy.copy(self)
         other.fitted = replace(self.fitted, limit=limit)
         return other
 
     def search_range(self) -> dict[str, tuple[float, float]]:
-        """Range of the design: beyond it little is known of the model, and a search would lose its way."""
+        """Return the range of the design, since a search beyond it would not be reliable."""
         edges = zip(self.free, self.fitted.low, self.fitted.high, strict=True)
         return {name: (float(low), float(high)) for name, low, high in edges}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the surrogate to an HDF5 file, whole or not at all.
+        """Write the surrogate to an HDF5 file, completely or not at all.
 
         Parameters
         ----------
         path : path-like
-            The file; an existing one is replaced.
+            The file; an existing file is replaced.
 
         Returns
         -------
@@ -414,10 +414,10 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on."""
+        """Hash of all data on which a response depends."""
         plain, arrays = self.to_plain()
         fit, prior = self.fitted, self.space.to_plain()
-        # Derived parameters that are functions are named only in a file, and no response depends on them.
+        # Derived parameters that are functions appear only by name in a file, and no response depends on them.
         contents = [
             fit.kind,
             self.channels,
@@ -432,10 +432,10 @@ class Surrogate(TraceableModel, StandIn):
 
     def __str__(self) -> str:
         fit = self.fitted
-        failed = f", {fit.left_out} others left out" if fit.left_out else ""
+        failed = f", {fit.left_out} other runs left out" if fit.left_out else ""
         lines = [
             f"{fit.kind} of {', '.join(self.channels)} over {', '.join(self.free) or 'no parameter'}",
-            f"  fitted to {fit.runs} runs{failed} in {fit.seconds:.1f} s; mean error estimated while fitting {fit.error:.1e}",
+            f"  fitted to {fit.runs} runs{failed} in {fit.seconds:.1f} s; mean error estimated during the fit {fit.error:.1e}",
         ]
         if self.validation is not None:
             lines += [f"  {line}" for line in str(self.validation).splitlines()]

@@ -1,4 +1,4 @@
-"""Factors and inverses of covariance matrices that rounding errors may have made indefinite."""
+"""Factors and inverses of covariance matrices that may be indefinite because of rounding errors."""
 
 from __future__ import annotations
 

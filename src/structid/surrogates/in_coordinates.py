@@ -1,4 +1,4 @@
-"""Regressions in the coordinates of a parameter space: functions of its parameters on which the outputs depend more simply."""
+"""Regressions in the coordinates of a parameter space, functions of the parameters that simplify the outputs."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class InCoordinates:
 
     word: ClassVar[str] = "InCoordinates"
     space: ParameterSpace  # space with coordinates
-    inner: Any  # regression on the coordinates, taken as uniform over the range of the runs
+    inner: Any  # regression on the coordinates, which have uniform priors over the range of the runs
 
     @property
     def leave_one_out_error(self) -> np.ndarray:
-        """See `Regression.leave_one_out_error`."""
+        """Leave-one-out error of the inner regression; see `Regression.leave_one_out_error`."""
         return np.asarray(self.inner.leave_one_out_error)
 
     @property
     def leave_one_out_residuals(self) -> np.ndarray:
-        """Of the inner regression, shape (run, output)."""
+        """Leave-one-out residuals of the inner regression, shape (run, output)."""
         return np.asarray(self.inner.leave_one_out_residuals)
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
@@ -46,7 +46,7 @@ class InCoordinates:
         return self.inner.deviation(self.space.in_coordinates(theta))
 
     def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
-        """Predict both; see `Regression.predict_with_deviation`."""
+        """Predict outputs and standard deviations; see `Regression.predict_with_deviation`."""
         prediction: tuple[Any, Any | None] = self.inner.predict_with_deviation(self.space.in_coordinates(theta))
         return prediction
 
@@ -71,7 +71,7 @@ class InCoordinates:
 
 
 def coordinate_design(design: Design) -> Design:
-    """Convert the points of a design to the coordinates of its space, taken as uniform over their range."""
+    """Convert the points of a design to the coordinates of its space, with uniform priors over their range."""
     space: ParameterSpace = design.space
     if not space.coordinates:
         return design
@@ -80,13 +80,13 @@ def coordinate_design(design: Design) -> Design:
     for name, least, most in zip(space.coordinates, low, high, strict=True):
         if not (np.isfinite([least, most]).all() and most > least):
             raise InputError(
-                f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a coordinate that is finite and varies"
+                f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a finite coordinate that varies"
             )
     ranges = {n: Uniform(float(a), float(b)) for n, a, b in zip(space.coordinates, low, high, strict=True)}
     return Design(values, ParameterSpace(ranges))
 
 
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
-    """Fit a regression, in the coordinates of its space if it has any."""
+    """Fit a regression in the coordinates of the space, if there are any."""
     points = coordinate_design(design)
     return fit(design) if points is design else InCoordinates(design.space, fit(points))

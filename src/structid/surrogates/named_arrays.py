@@ -1,4 +1,4 @@
-"""Names such as ``0/scores/weights`` for the arrays of nested parts, as files store them."""
+"""Names such as ``0/scores/weights`` of the arrays of nested parts in files."""
 
 from __future__ import annotations
 

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 MOST_STEPS, MOST_REDUCTIONS = 40, 4
-"""Largest number of steps, and of reductions of the length of one step."""
+"""Largest number of steps, and largest number of reductions of a step's length."""
 
 LONGEST_STEP = 1.5
-"""Largest change of a coordinate, which is a logarithm, in one step."""
+"""Largest change of a (logarithmic) coordinate in one step."""
 
 SMALLEST_GAIN = 0.02
-"""Gain of the log likelihood; a step that promises less ends the search."""
+"""Predicted gain of the log likelihood below which the search ends."""
 
 
 def quasi_newton(
@@ -23,9 +23,9 @@ def quasi_newton(
     start: Float[np.ndarray, " coordinate"],
     covariance: Float[np.ndarray, "coordinate coordinate"],
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Minimise by BFGS within bounds (Nocedal & Wright 2006, eq. 6.17), until a step would gain almost nothing.
+    """Minimise by BFGS within bounds (Nocedal & Wright 2006, eq. 6.17), until the predicted gain is negligible.
 
-    Nearly singular correlation matrices make a likelihood noisy, and a line search that requires an exact decrease would not end.
+    Nearly singular correlation matrices make a likelihood noisy, so a line search that requires an exact decrease would not end.
     """
     low, high = np.array(bounds).T
     point, (value, slope) = start, objective(start)

@@ -1,4 +1,4 @@
-"""All classes of fitted regressions, by their name in files."""
+"""All classes of fitted regressions, by name in files."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.regression import Regression
 
 REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, KrigingPredictor, InCoordinates)}
-"""A new class of regression is a line here."""
+"""Classes of regressions; add a line here for a new class."""
 
 
 def regression_from_plain(
     word: str, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> Regression:
-    """Rebuild a regression from the result of its `to_plain`."""
+    """Rebuild a regression from the result of `to_plain`."""
     regression: Regression = REGRESSIONS[word].from_plain(space, plain, arrays)
     return regression

@@ -1,4 +1,4 @@
-"""Surrogates in HDF5 files: arrays and plain values, nothing that is executed on reading."""
+"""Surrogates in HDF5 files with arrays and plain values only; reading a file executes no code from it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StoredSurrogate:
     fit: Fit  # record of the fit
     plain: dict[str, Any]  # JSON-compatible contents
     arrays: dict[str, np.ndarray]
-    validation: Validation | None  # result of its last validation
+    validation: Validation | None  # result of the last validation
 
 
 def write(
@@ -64,17 +64,13 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
     """Read a file written by `write`."""
     where = str(path)
     if not Path(path).is_file():
-        raise InputError(where, "no such file", "a file that Surrogate.save wrote")
+        raise InputError(where, "there is no such file", "a file that Surrogate.save wrote")
     with opened_hdf5(path, "a surrogate") as file:
         if file.attrs.get("content") != CONTENT:
-            raise InputError(where, "an HDF5 file of something else", "a file that Surrogate.save wrote")
+            raise InputError(where, "an HDF5 file without a surrogate", "a file that Surrogate.save wrote")
         layout = int(file.attrs["schema"])
         if layout != SCHEMA:
-            cure = (
-                "Update structid."
-                if layout > SCHEMA
-                else "It can be read with structid 0.1. Or fit it again to its runs."
-            )
+            cure = "Update structid." if layout > SCHEMA else "Read it with structid 0.1, or fit it again to its runs."
             raise InputError(where, f"a surrogate of layout {layout}", f"layout {SCHEMA}", cure)
         contents = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
@@ -82,7 +78,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
         sum_of_content = digest(file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays)))
         if file.attrs.get("checksum", sum_of_content) != sum_of_content:
             raise InputError(
-                where, "its checksum is wrong: it is damaged", "a file as Surrogate.save wrote it", "Fit it again."
+                where, "the checksum is wrong", "an undamaged file of Surrogate.save", "Fit the surrogate again."
             )
         validation = _read_validation(file["validation"]) if "validation" in file else None
     return StoredSurrogate(Fit.from_plain(contents), plain, arrays, validation)

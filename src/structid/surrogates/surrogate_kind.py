@@ -1,4 +1,4 @@
-"""The description of a kind of surrogate, by which no other code needs to know its name."""
+"""Description of a kind of surrogate, so that no other code depends on its name."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from structid.surrogates.base import Surrogate, SurrogateSettings
 
 @dataclass(frozen=True, eq=False)
 class SurrogateKind:
-    """One kind of surrogate: its words, its settings, and what reads it back.
+    """One kind of surrogate: its names, its settings and the class that reads it from a file.
 
     Parameters
     ----------
     settings : type
-        Class of its settings; `Fit.kind` is this class's name.
+        Class of the settings; `Fit.kind` is the name of this class.
     fitted : type
-        Class of the fitted surrogate, which reads it back from a file and says whether it knows only its own records.
+        Class of the fitted surrogate. It reads a surrogate from a file, and defines whether it is restricted to its records.
     word : str
-        What a study file calls it; empty for a kind that a study cannot name.
+        Name in a study file; empty for a kind that a study cannot use.
     keys : mapping of str to type
-        Keys of a study file that it understands besides those of every surrogate, and their types as pydantic reads them.
+        Study-file keys of this kind, in addition to keys common to all surrogates, and their types for pydantic.
     build : callable, optional
-        Makes the settings from the keys that a file gives; the class itself when left out.
+        Function that makes the settings from the keys in a file; by default the class `settings`.
     unused : mapping of (str, str) to tuple of str
-        Of a key and a value that it may have: other keys, which then change nothing.
+        For a key with a given value: other keys that then have no effect.
 
     Examples
     --------
@@ -47,12 +47,12 @@ class SurrogateKind:
 
     @property
     def name(self) -> str:
-        """Its name in files and reports."""
+        """Name of the kind in files and reports."""
         return self.settings.__name__
 
     @property
     def own_records(self) -> bool:
-        """Whether it is restricted to the records it was fitted to."""
+        """Whether the surrogate is restricted to the records of its training runs."""
         return self.fitted.own_records
 
     def made(self, given: Mapping[str, Any]) -> SurrogateSettings:
@@ -61,7 +61,7 @@ class SurrogateKind:
         Parameters
         ----------
         given : mapping of str to object
-            What the file says.
+            Keys and values in the file.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""All kinds of surrogate. A new kind is a file with its `SurrogateKind` and a line here."""
+"""All kinds of surrogate. To add a kind, write a file with its `SurrogateKind`, and add a line here."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEFAULT: SurrogateKind = pod_kriging.KIND
 
 @check_arguments
 def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
-    """Read a surrogate that `Surrogate.save` wrote.
+    """Read a surrogate from a file of `Surrogate.save`.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     Returns
     -------
     Surrogate
-        It predicts what it did when it was saved, to the last bit on the same machine.
+        The surrogate; on the same machine its predictions equal those of the saved surrogate to the last bit.
 
     Raises
     ------
     InputError
-        If the file is none, or of another version.
+        If the file contains no surrogate, or has another version.
 
     Examples
     --------

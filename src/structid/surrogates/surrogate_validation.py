@@ -1,4 +1,4 @@
-"""Validation of a surrogate: errors over runs it was not fitted to.
+"""Validation of a surrogate: errors over independent runs.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BATCH = 250
-"""Runs compared per batch."""
+"""Number of runs that are compared in one batch."""
 
 COVERED = 500
-"""Largest number of runs for the coverage of the standard deviation, which may cost more than the prediction."""
+"""Largest number of runs for the coverage, because the standard deviation may cost more than the prediction."""
 
 COVERAGE_FACTOR = 1.96
-"""Standard deviations within which 95 % of a normal variable lie."""
+"""Number of standard deviations that contain 95 % of a normal variable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +40,22 @@ class Validation:
     """Result of a comparison with independent runs."""
 
     channels: tuple[str, ...]
-    # ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite where the surrogate diverged
+    # ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite if the surrogate diverged
     errors: Float[np.ndarray, "run channel"]
     peaks: Float[np.ndarray, "run channel"]  # largest |y| of the model, in SI
     predicted_peaks: Float[np.ndarray, "run channel"]  # Largest |ŷ| of the surrogate
     coverage: float  # fraction of samples within 1.96 predicted standard deviations
-    outside: int  # runs with parameters outside the range of the fit
-    left_out: int  # failed runs of the model
-    shown: tuple[int, int, int]  # the best, the median and the worst of the compared runs
-    # Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s]
+    outside: int  # number of runs with parameters outside the range of the fit
+    left_out: int  # number of failed runs of the model
+    shown: tuple[int, int, int]  # indices of the best, the median and the worst run
+    # Histories of the model and of the surrogate for these three runs (3, time, channel), and the time step [s]
     histories: tuple[np.ndarray, np.ndarray, float]
-    # Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel)
+    # Thinned samples of the model and of the surrogate from all runs (sample, channel)
     clouds: tuple[np.ndarray, np.ndarray]
 
     @property
     def overall(self) -> np.ndarray:
-        """Mean of the channels' errors, infinite for a run that diverged, shape (run,)."""
+        """Mean error over the channels, infinite for a run that diverged, shape (run,)."""
         return np.asarray(self.errors.mean(axis=1))
 
     @property
@@ -85,17 +85,17 @@ class Validation:
 
     @property
     def peak_error(self) -> float:
-        """Mean relative error of the peak response, | max|ŷ| − max|y| | / max|y|, of the runs that did not diverge."""
+        """Mean relative error of the peak response, | max|ŷ| − max|y| | / max|y|, without diverged runs."""
         relative = np.abs(self.predicted_peaks - self.peaks) / self.peaks
         return float(relative[np.isfinite(self.overall)].mean())
 
     @property
     def per_channel(self) -> dict[str, dict[str, float]]:
-        """Mean, median, q95 and worst error of each channel."""
+        """Mean, median, 95 % quantile and worst error of each channel."""
         return {c: _measures(e) for c, e in zip(self.channels, self.errors.T, strict=True)}
 
     def summary(self) -> dict[str, float]:
-        """All figures by name."""
+        """Return all results by name."""
         return {
             "runs": len(self.errors),
             "mean": self.mean,
@@ -113,17 +113,17 @@ class Validation:
         lines = [
             f"validated on {len(self.errors)} runs: mean error {self.mean:.2e}, median {self.median:.2e}, "
             f"95 % {self.q95:.2e}, worst {self.worst:.2e}, {self.diverged} diverged",
-            f"peak response off by {self.peak_error:.2%} in the mean; "
+            f"mean error of the peak response {self.peak_error:.2%}; "
             f"{self.coverage:.1%} of the samples within 1.96 predicted standard deviations",
         ]
         if len(self.channels) > 1:
             lines += [f"{c}: mean {e['mean']:.2e}, worst {e['worst']:.2e}" for c, e in self.per_channel.items()]
         if self.outside or self.left_out:
-            lines.append(f"{self.outside} runs outside the fitted range, {self.left_out} others left out")
+            lines.append(f"{self.outside} runs outside the fitted range, {self.left_out} other runs left out")
         return "\n".join(lines)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw best, median and worst run, peaks, whole histories, and the distribution of the errors."""
+        """Draw the best, median and worst run, peaks, complete histories, and the distribution of the errors."""
         from structid.figures import surrogate as figures
 
         index = 0 if channel is None else self.channels.index(channel)
@@ -149,7 +149,7 @@ class Validation:
 
 
 def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [mm] by integration of two velocities, which shows accumulated errors (the thesis's figure 3.16)."""
+    """Integrate two velocities to displacements [mm], which shows accumulated errors (figure 3.16 of the thesis)."""
     both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
     first, second = both
     return first, second
@@ -168,7 +168,7 @@ def _measures(errors: np.ndarray) -> dict[str, float]:
 def relative_errors(
     true: Float[np.ndarray, "run time channel"], predicted: Float[np.ndarray, "run time channel"]
 ) -> Float[np.ndarray, "run channel"]:
-    """ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite where a prediction is not finite."""
+    """Return ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite if a prediction is not finite."""
     spread = np.sum((true - true.mean(axis=1, keepdims=True)) ** 2, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         error = np.sum((true - predicted) ** 2, axis=1) / spread
@@ -176,23 +176,23 @@ def relative_errors(
 
 
 class Validated(Protocol):
-    """What a validation requires of a surrogate."""
+    """Interface of a surrogate for the validation."""
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels of its response."""
+        """Channels of the response."""
 
     def parameters(self, design: Design) -> Float[np.ndarray, "run parameter"]:
-        """Bring the columns of a design into the order of its parameters."""
+        """Sort the columns of a design into the order of the parameters."""
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation it cannot respond to."""
+        """Refuse an excitation for which the surrogate is not valid."""
 
     def run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> Histories:
-        """Respond without a warning about points outside its range."""
+        """Compute the response without a warning about points outside the range."""
 
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
-        """Points outside its range."""
+        """Return a mask of the points outside the range."""
 
     def standard_deviation(
         self,
@@ -200,19 +200,19 @@ class Validated(Protocol):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of its own error."""
+        """Return the standard deviation of the surrogate's error."""
 
 
 def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None) -> Validation:
     """Compare a surrogate with runs of the model it replaces, in batches."""
     if not isinstance(runs, Runs):
-        raise InputError("validate", f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
+        raise InputError("validate", f"a {type(runs).__name__}", "Runs, the result of a Campaign")
     missing = [c for c in surrogate.channels if c not in runs.channels]
     if missing:
         raise InputError("validate", f"runs without the channel '{missing[0]}'", ", ".join(surrogate.channels))
     done = runs[runs.done]
     if len(done) == 0:
-        raise InputError("validate", "no finished run", "one or more")
+        raise InputError("validate", "no finished run", "one or more finished runs")
     order: list[np.ndarray] = []
     result: list[_Compared] = []
     compared = 0
@@ -246,7 +246,7 @@ def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None)
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """One batch: errors, peaks, coverage (per run), and a thinned set of true and predicted samples."""
+    """Results of one batch: errors, peaks and coverage per run, and thinned samples of the model and the surrogate."""
 
     errors: np.ndarray
     peaks: np.ndarray
@@ -279,7 +279,7 @@ def _values(surrogate: Validated, runs: Runs) -> np.ndarray:
 
 def _predicted(surrogate: Validated, runs: Runs) -> np.ndarray:
     surrogate.check_excitation(runs.records[0])
-    # Points outside the range are counted, and not warned of or refused here.
+    # Points outside the range are counted, but cause no warning or error here.
     return surrogate.run(surrogate.parameters(runs.design), runs.records[0]).values
 
 
@@ -289,7 +289,7 @@ def _shown(overall: np.ndarray) -> tuple[int, int, int]:
 
 
 def _histories(surrogate: Validated, runs: Runs, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
-    """True and predicted histories of the runs that are drawn, (run, time, channel), and their step."""
+    """Return the histories (run, time, channel) of the model and the surrogate for the drawn runs, and the time step."""
     singles: list[Any] = [runs[np.array([row])].on(int(runs.record_of_run[row])) for row in shown]
     samples = max(len(s.records[0]) for s in singles)
     true, predicted = (np.full((len(shown), samples, len(surrogate.channels)), np.nan) for _ in range(2))

@@ -78,7 +78,7 @@ def test_the_unit_of_a_variable_is_used_under_either_name(attribute):
 
 def test_a_unit_that_cannot_be_is_refused():
     with pytest.raises(
-        InputError, match=r"stiffness: the unit 'mm'. Expected: a unit that measures the same as 'kN/mm'"
+        InputError, match=r"stiffness: the unit 'mm'. Expected: a unit of the same dimension as 'kN/mm'"
     ):
         draws_of(dataset(units="mm"), NAMES, UNITS)
     with pytest.raises(InputError, match=r"unit = 'N/m' and units = 'kN/m'\. Expected: one unit"):
@@ -115,7 +115,7 @@ def test_tables_of_text(text, tmp_path):
 @pytest.mark.parametrize(
     ("draws", "words"),
     [
-        (FRAME.rename(columns={"beta": "gamma"}), "There are none of beta"),
+        (FRAME.rename(columns={"beta": "gamma"}), "Add draws of beta"),
         (FRAME.assign(beta="sixty"), "certify\\(draws\\): beta.*text"),
         (pandas.concat([FRAME, FRAME.beta], axis=1), "two columns called beta"),
         (FRAME.assign(beta=np.where(FRAME.index == 3, np.nan, FRAME.beta)), "1 values that are not finite"),
@@ -124,7 +124,7 @@ def test_tables_of_text(text, tmp_path):
         ({"beta": np.ma.masked_less(FLAT[:, 1], 58.0), "stiffness": FLAT[:, 0]}, "beta: .* masked value"),
         (FLAT.astype(str), "text such as"),
         ([[1.0, 2.0], [3.0]], "no array"),
-        (STRUCTURED[["beta"]], "There are none of stiffness"),
+        (STRUCTURED[["beta"]], "Add draws of stiffness"),
     ],
 )
 def test_what_cannot_be_taken_is_refused(draws, words):
@@ -143,7 +143,7 @@ def test_a_damaged_table_is_refused(text, tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda lines: lines[1:], "numbers in the first line. Expected: a line of heads: stiffness, beta"),
+        (lambda lines: lines[1:], "numbers in the first line. Expected: a heading line: stiffness, beta"),
         (lambda lines: [*lines[:51], f"stuck,{lines[51].split(',')[1]}", *lines[52:]], "draw 51: stiffness is 'stuck'"),
     ],
 )

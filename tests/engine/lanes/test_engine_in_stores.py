@@ -35,7 +35,9 @@ def test_chains_go_on_with_the_engine_that_began_them(tmp_path, short_posterior,
     use("jax")
     first = steps(10)
     use("")
-    with pytest.raises(StoreMismatchError, match=r"engine is 'jax' there and 'lanes \d+' here.*STRUCTID_ENGINE=jax"):
+    with pytest.raises(
+        StoreMismatchError, match=r"engine is 'jax' in the store, 'lanes \d+' here.*STRUCTID_ENGINE=jax"
+    ):
         steps(20)
     use("jax")
     np.testing.assert_array_equal(steps(20)[:10], first)

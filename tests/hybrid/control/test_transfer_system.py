@@ -183,7 +183,7 @@ def test_a_late_elastic_specimen_feeds_energy():
 
 def test_nothing_to_follow():
     assert np.isnan(root_mean_square_error(np.zeros(9), np.zeros(9)))
-    with pytest.raises(InputError, match="a motion"):
+    with pytest.raises(InputError, match="a command that is not zero"):
         frequency_evaluation_index(np.zeros(9), np.zeros(9), 1.0)
 
 

@@ -261,7 +261,7 @@ def test_an_interface_that_is_singular():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: PrakashHjelmstad(0), "a whole number from 1"),
+        (lambda: PrakashHjelmstad(0), "a whole number, 1 or more"),
         (lambda: PrakashHjelmstad(2, "specimen"), "'numerical', 'physical'"),
         (lambda: PrakashHjelmstad(alpha=0.1), "from -1/3 to 0"),
         (lambda: GravouilCombescure(fine="numeric"), "Did you mean 'numerical'"),

@@ -40,7 +40,7 @@ def test_our_server_passes_all_thirty():
 
 
 def test_a_specimen_without_limits_does_not_pass():
-    assert failed(checked()) == ["reads at its place, and refuses a move beyond its limits"]
+    assert failed(checked()) == ["reads at its position, and refuses a move beyond its limits"]
 
 
 def broken(monkeypatch, what):
@@ -59,7 +59,7 @@ def broken(monkeypatch, what):
             "tags",
             {"drops a forged request", "drops a HELLO with another secret", "drops a request with one bit changed"},
         ),
-        ("nonces", {"makes a new nonce for every session", "drops a session that is played again"}),
+        ("nonces", {"generates a new nonce for every session", "drops a replayed session"}),
         ("holding", {"holds its position in every later session"}),
     ],
 )

@@ -125,7 +125,7 @@ def test_what_goes_wrong_ends_the_test_and_keeps_its_steps(wrong, said):
     assert time.monotonic() - began < 20.0
     assert not result.finished and 1 <= result.steps <= 5
     assert said in result.events[-1].what
-    with pytest.raises(SpecimenError, match="A test is not resumed"):
+    with pytest.raises(SpecimenError, match="A test is never resumed"):
         bridge.move(np.zeros((1, 1)))
     if wrong == "nan":
         server.thread.join(5.0)
@@ -145,7 +145,7 @@ def test_limits_are_held_on_this_side():
     server = SiteServer(LOWER.force)
     bridge = OpenFrescoSpecimen(server.address, description(stroke=0.01))
     bridge.move(np.array([[0.005]]))
-    with pytest.raises(SpecimenError, match=r"its limit is 0\.01"):
+    with pytest.raises(SpecimenError, match=r"exceeds its limit of 0\.01"):
         bridge.move(np.array([[0.02]]))
     server.thread.join(5.0)
     assert server.place == 0.005 and server.ended

@@ -149,13 +149,13 @@ def test_another_version(server, said):
     head = HEADER.pack(MAGIC, VERSION + 1, Kind.HELLO, 0, 0, 0)
     client.socket.sendall(head + hmac.digest(GREETING_KEY, head, "sha256"))
     assert client.is_dropped()
-    assert any("speaks version 2 of the protocol, and this is version 1" in line for line in said)
+    assert any("uses version 2 of the protocol, this side version 1" in line for line in said)
 
 
 def test_a_second_test_is_told_that_the_specimen_has_one(server):
     first = RemoteSpecimen(server.address, SECRET)
     first.move(np.array([[0.1]]))
-    with pytest.raises(SpecimenError, match="Another test has this specimen"):
+    with pytest.raises(SpecimenError, match="Another test uses this specimen"):
         RemoteSpecimen(server.address, SECRET).move(np.array([[0.5]]))
     np.testing.assert_array_equal(first.move(np.array([[0.2]])).force, [0.4])
 
@@ -203,7 +203,7 @@ def test_a_limit_is_refused_in_words(server):
     client.ask(Kind.MOVE, packed_move(np.array([[0.5]]), 1))
     answer = client.ask(Kind.MOVE, packed_move(np.array([[1.5]]), 1))
     assert answer.kind is Kind.REFUSED
-    assert b"its limit is 1" in answer.payload
+    assert b"exceeds its limit of 1" in answer.payload
     assert server.specimen.position == 0.5
 
 
@@ -344,7 +344,7 @@ ANSWERS = {
     "not a number": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 1, NO_NUMBER), key)), "not finite"),
     "too long": (lambda c, key, f: c.sendall(packed(Frame(Kind.READING, 1, READING + READING), key)), "32 bytes"),
     "a closed door": (lambda c, key, f: None, "closed the connection"),
-    "garbage": (lambda c, key, f: c.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n"), "does not speak this protocol"),
+    "garbage": (lambda c, key, f: c.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n"), "does not use this protocol"),
 }
 
 

@@ -67,7 +67,7 @@ def test_all_channels_are_warned_of_in_one_sentence():
     for k in (1, 2, 3):
         assert said.count(f"drift_{k} on a record by 0.") == 1
     assert "velocity" not in said and said.count("sd of stiffness is about 3 times too small") == 1
-    assert said.count("use a correlated discrepancy") == 1
+    assert said.count("use a correlated error model") == 1
     assert residual_warnings((white,), si.IID(), None) == []
 
 

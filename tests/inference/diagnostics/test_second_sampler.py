@@ -89,7 +89,7 @@ def test_draws_that_are_too_narrow():
     found = compared(narrow, np.empty((0, 3)), 2)
     assert any("times the standard deviation" in said for said in found.failures)
     shifted = replace(drawn, history=drawn.history + np.array([0.06, 0.0, 0.0]))
-    assert any("puts the mean of x0 -0.2" in said for said in compared(shifted, np.empty((0, 3)), 2).failures)
+    assert any("shifts the mean of x0 by -0.2" in said for said in compared(shifted, np.empty((0, 3)), 2).failures)
 
 
 def test_chains_are_compared_too():

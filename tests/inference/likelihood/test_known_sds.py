@@ -136,7 +136,7 @@ def test_simulated_measurements_are_calibrated(law):
 
 @pytest.mark.parametrize(
     ("sd", "words"),
-    [(-1.0, "positive and finite"), (np.ones(7), "one for each value"), (np.nan, "nan, which is no number")],
+    [(-1.0, "positive and finite"), (np.ones(7), "an array of shape"), (np.nan, "nan, which is not a number")],
 )
 def test_wrong_sds_are_refused(sd, words):
     values, _ = measured()
@@ -200,7 +200,7 @@ def test_an_argument_that_is_none_of_a_file(tmp_path):
 
 def test_a_logger_that_began_too_late_is_refused(tmp_path):
     written(tmp_path / "a.txt", start=0.5)
-    with pytest.raises(InputError, match=r"covers the record.*sign"):
+    with pytest.raises(InputError, match=r"covers the whole record.*sign"):
         si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1, time_shift=0.2)
 
 

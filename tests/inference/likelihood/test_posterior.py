@@ -135,7 +135,7 @@ def test_channels_have_their_own_variance(short_record, study_space):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda r: si.Observation(r, np.zeros(600)), "600 samples, and the record has 601"),
+        (lambda r: si.Observation(r, np.zeros(600)), "600 samples, but the record has 601"),
         (lambda r: si.Observation(r, np.zeros(601), dt=0.02), "time step of 0.02"),
         (lambda r: si.Observation(r, np.full(601, np.nan)), "not finite"),
         (lambda r: si.Observation(r, np.zeros((601, 2))), "shape"),
@@ -152,7 +152,7 @@ def test_names_must_match(short_record, study_space):
     with pytest.raises(InputError, match="stiffness"):
         model = si.BoucWen(mass=1.0, damping_ratio=0.03, free=("stiffness", "beta", "gamma_ratio", "alpha"))
         si.Posterior(si.ParameterSpace(stifness=si.Uniform(0, 1)), model, observation)
-    with pytest.raises(InputError, match="no free parameter"):
+    with pytest.raises(InputError, match="not a free parameter"):
         model = si.BoucWen(mass=1.0, stiffness=1.0, alpha=0.1, beta=1.0, gamma=1.0, free=("exponent",))
         si.Posterior(si.ParameterSpace(exponent=si.Uniform(1, 2), extra=si.Uniform(0, 1)), model, observation)
     with pytest.raises(InputError, match="channels"):

@@ -62,10 +62,10 @@ def test_bayes_factors_and_probabilities():
     found = Comparison((one("a", -10.0), one("b", -12.0), one("c", -30.0)))
     assert found.best.name == "a" and found.bayes_factor(found.classes[1]) == (-2.0, pytest.approx(0.1414, abs=1e-3))
     np.testing.assert_allclose(found.probabilities, scipy.special.softmax([-10.0, -12.0, -30.0]))
-    assert "leans to a" in found.verdict and "b" in found.verdict
-    assert "decides for a" in Comparison((one("a", 0.0), one("b", -50.0))).verdict
-    assert "cannot choose" in Comparison((one("a", 0.0), one("b", -0.1))).verdict
-    assert "Not to be relied on: b" in Comparison((one("a", 0.0), one("b", -9.0, trusted=False))).verdict
+    assert "slightly favours a" in found.verdict and "b" in found.verdict
+    assert "clearly favours a" in Comparison((one("a", 0.0), one("b", -50.0))).verdict
+    assert "is inconclusive" in Comparison((one("a", 0.0), one("b", -0.1))).verdict
+    assert "not converged or not certified: b" in Comparison((one("a", 0.0), one("b", -9.0, trusted=False))).verdict
     heads, rows = found.rows()
     assert [r[0] for r in rows] == ["a", "b", "c"] and all(len(r) == len(heads) for r in rows)
     assert found.side_by_side()[0] == ["", "a", "b", "c"]
@@ -74,6 +74,6 @@ def test_bayes_factors_and_probabilities():
 def test_without_evidence_what_is_left_out_decides():
     better = one("b", None, each=np.linspace(1.0, 2.0, 10))
     found = Comparison((one("a", -1.0), better))
-    assert found.best is better and "predicts best" in found.verdict and np.isnan(found.probabilities).all()
+    assert found.best is better and "best predicts" in found.verdict and np.isnan(found.probabilities).all()
     gap, error = found.classes[0].left_out.less(better.left_out)
     assert gap == pytest.approx(-15.0) and error == pytest.approx(np.sqrt(10 * np.linspace(1, 2, 10).var(ddof=1)))

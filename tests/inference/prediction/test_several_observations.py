@@ -101,7 +101,10 @@ def test_instruments_are_those_of_the_observation():
 
 @pytest.mark.parametrize(
     ("more", "words"),
-    [({"observation": 2}, "observation: 2. Expected: 0 to 1"), ({"observation": 1, "record": OTHER}, "not its own")],
+    [
+        ({"observation": 2}, "index 2. Expected: an index from 0 to 1"),
+        ({"observation": 1, "record": OTHER}, "and another record"),
+    ],
 )
 def test_an_observation_that_is_not_there(more, words):
     of = posterior(observation("velocity"), observation("displacement"))

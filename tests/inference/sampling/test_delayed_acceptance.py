@@ -62,7 +62,7 @@ def test_a_perfect_surrogate_makes_every_true_run_a_draw():
     assert result.cost.acceptance == 1.0 and result.cost.sub_steps >= 8
     assert result.cost.speed_up > 5.0
     assert result.summary().columns["ess_bulk"].min() > 0.5 * len(result.flat)
-    assert "moves for each model run" in str(result.cost)
+    assert "moves per model run" in str(result.cost)
 
 
 def test_a_density_with_other_bounds_proposes_in_the_coordinates_of_the_target():
@@ -199,7 +199,7 @@ def test_a_posterior_and_its_surrogate(short_posterior):
     ("change", "words"),
     [
         (dict(walkers=7), "walkers.*even"),
-        (dict(tuning=50), "tuning.*at most the 12 steps"),
+        (dict(tuning=50), "tuning.*at most 12, the number of discarded steps"),
         (dict(discard=1.0), "discard.*fraction"),
         (dict(stretch=0.5), "stretch.*above 1"),
         (dict(sub_steps=0), "sub_steps.*1 or more"),
@@ -212,7 +212,7 @@ def test_settings_that_make_no_sense(change, words):
 
 @pytest.mark.parametrize(
     ("approximation", "words"),
-    [(None, "nothing"), (si.LogDensity(lambda t: -(t[:, 0] ** 2), ("x",), np.zeros((9, 1))), "LogDensity")],
+    [(None, "no approximation"), (si.LogDensity(lambda t: -(t[:, 0] ** 2), ("x",), np.zeros((9, 1))), "LogDensity")],
 )
 def test_an_approximation_of_something_else_is_refused(approximation, words):
     with pytest.raises(InputError, match=words):

@@ -45,5 +45,5 @@ def test_an_unconverged_run_blames_the_sampler_and_nothing_else(short_posterior)
     verdict = result.verdict()
     assert not verdict.converged and verdict.failures and not verdict.wrong_model and not verdict.wrong_error_model
     assert not [w for w in verdict.warnings if "prior" in w or "surrogate" in w]
-    assert "judged once the run has converged" in str(verdict)
+    assert "assessed once the run has converged" in str(verdict)
     assert result.robust is None and result.drift is None

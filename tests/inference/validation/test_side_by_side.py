@@ -29,11 +29,11 @@ def test_what_is_of_similar_size_is_not_asked_for(factor):
 @pytest.mark.parametrize(
     ("modelled", "said"),
     [
-        (1e-3 * RESPONSE, "is 0.001 times the measured one. Are all units right"),
-        (9.81 * RESPONSE, "is 9.8 times the measured one"),
+        (1e-3 * RESPONSE, "is 0.001 times the measured peak. Are all units right"),
+        (9.81 * RESPONSE, "is 9.8 times the measured peak"),
         (-RESPONSE, "the sign reversed"),
         (np.roll(RESPONSE, 217), "moved 2.17 s ahead"),
-        (PEAK * np.sin(2.0 * np.pi * 6.0 * TIME), "mainly at 6 Hz, the measured one at 1.5 Hz"),
+        (PEAK * np.sin(2.0 * np.pi * 6.0 * TIME), "mainly at 6 Hz, the measured displacement at 1.5 Hz"),
     ],
 )
 def test_what_is_asked_for(modelled, said):
@@ -73,18 +73,16 @@ def priors(stiffness):
 def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale):
     """Every figure may be certified, since the surrogate is that of the model: only the units are wrong."""
     model, record, y = measured
-    with pytest.warns(StructidWarning, match="times the measured one. Are all units right"):
+    with pytest.warns(StructidWarning, match="times the measured peak. Are all units right"):
         found = si.calibrate(model, priors(stiffness), si.Observation(record, scale * y), seed=1, true_runs=60)
     verdict = found.verdict()
-    assert verdict.another_size and "times the measured peak: are the units" in verdict.wrong_model[0]
+    assert verdict.another_size and "times the measured peak: check the units" in verdict.wrong_model[0]
     assert "damped_cosine" not in str(verdict)  # no error model mends a unit
 
 
 def test_a_unit_so_wrong_that_no_run_finishes_is_asked_for(measured):
     model, record, y = measured
-    with pytest.raises(
-        si.StructidError, match=r"too long for the stiffness.*Are the priors in the units that you mean"
-    ):
+    with pytest.raises(si.StructidError, match=r"too long for the stiffness.*Check the units of the priors"):
         si.calibrate(model, priors(7400.0), si.Observation(record, y), seed=1, true_runs=60)
 
 

@@ -27,9 +27,9 @@ def outcomes(function, a, **settings):
 
 EXPECTED = {
     0: (Status.DONE, "", 400),
-    1: (Status.FAILED, "it returned 393 rows; wanted 400 rows of velocity", 393),
+    1: (Status.FAILED, "it returned 393 rows; expected 400 rows of velocity", 393),
     2: (Status.DIVERGED, "not finite from 1 s on", 100),
-    3: (Status.FAILED, "shape (400, 3); wanted 400 rows of velocity", 0),
+    3: (Status.FAILED, "shape (400, 3); expected 400 rows of velocity", 0),
     4: (Status.FAILED, "it returned nothing", 0),
     5: (Status.FAILED, "exit code 3; it last said: matrix is singular", 0),
     6: (Status.TIMED_OUT, "no answer within 0.5 s; it last said: still iterating", 0),
@@ -37,7 +37,7 @@ EXPECTED = {
     8: (Status.FAILED, "ArithmeticError: no convergence in step 12 (solvers.py, line", 0),
     9: (Status.FAILED, "gave up", 50),
     10: (Status.FAILED, "there is no 'velocity' among the returned speed", 0),
-    11: (Status.FAILED, "it returned text such as 'what?'; wanted 400 rows of velocity", 0),
+    11: (Status.FAILED, "it returned text such as 'what?'; expected 400 rows of velocity", 0),
 }
 
 
@@ -125,7 +125,7 @@ def test_several_records_one_for_each_run():
     np.testing.assert_array_equal(mixed.values[[0, 2]], model.simulate(theta[[0, 2]], RECORD).values)
     with pytest.raises(InputError, match="2 excitations for 3 runs"):
         model.simulate(theta, [RECORD, other])
-    with pytest.raises(InputError, match="different steps or lengths"):
+    with pytest.raises(InputError, match="different time steps or lengths"):
         model.simulate(theta, [RECORD, other, other.trim(0.0, 1.0)])
 
 
@@ -133,9 +133,12 @@ def test_several_records_one_for_each_run():
     ("make", "words"),
     [
         (lambda: si.CallableModel(3, ("a",), ("v",)), "a function of"),
-        (lambda: si.CallableModel(len, ("a",), ()), "each once"),
+        (lambda: si.CallableModel(len, ("a",), ()), "different names"),
         (lambda: si.CallableModel(len, ("a",), ("v",), time_limit=-1.0), "positive"),
-        (lambda: si.CallableModel(len, ("a",), ("v",), time_limit=1.0, isolated=False), "one of the two"),
+        (
+            lambda: si.CallableModel(len, ("a",), ("v",), time_limit=1.0, isolated=False),
+            "either a time limit or isolated=False",
+        ),
     ],
 )
 def test_bad_models_are_refused(make, words):

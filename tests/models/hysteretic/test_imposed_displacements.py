@@ -79,7 +79,7 @@ def test_other_excitations_are_refused(excitation, came):
 
 def test_a_model_without_a_static_force_is_refused():
     frame = ShearFrame(storeys=2, mass=1e4, stiffness=1e7, alpha=1.0, beta=0.0, gamma=0.0)
-    with pytest.raises(InputError, match="displacements can be imposed"):
+    with pytest.raises(InputError, match="allows imposed displacements"):
         ImposedDisplacements(frame)
 
 

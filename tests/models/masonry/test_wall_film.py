@@ -180,5 +180,5 @@ def test_a_wall_that_does_not_stand_has_no_film(wall, monkeypatch):
         return si.Histories(nothing, excitation.dt, model.channels, np.array([1]), np.zeros(1), reasons=(reason,))
 
     monkeypatch.setattr(si.MasonryWall, "simulate", none_begins)
-    with pytest.raises(si.InputError, match="never began: no equilibrium"):
+    with pytest.raises(si.InputError, match="the run failed: no equilibrium"):
         wall.film(RECORD)

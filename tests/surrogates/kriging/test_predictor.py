@@ -165,7 +165,7 @@ def test_predict_in_jax_is_predict_in_numpy():
 def test_what_a_fit_refuses():
     design = SPACE.sample(20, seed=1)
     twice = Design(np.vstack([design.values, design.values[3]]), SPACE)
-    with pytest.raises(InputError, match=r"1 points that are there twice, such as rows 3 and 20.*nugget"):
+    with pytest.raises(InputError, match=r"1 points are repeated, such as rows 3 and 20.*nugget"):
         si.Kriging().fit(twice, smooth(twice.values))
     si.Kriging(nugget=1e-4).fit(twice, smooth(twice.values))
     with pytest.raises(InputError, match="20 runs for a trend of 28 terms"):

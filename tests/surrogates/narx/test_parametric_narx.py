@@ -93,14 +93,14 @@ def test_several_inputs_are_kept_with_their_runs_and_their_surrogate(two_forces,
     assert record.content_hash == excitation.content_hash and record.kind == "force+force"
     assert runs.to_xarray()["excitation"].shape == (1, len(excitation), 2)
     single = excitation.parts[0]
-    with pytest.raises(InputError, match="records of 1 and 2 signals"):
+    with pytest.raises(InputError, match="records with 1 and 2 signals"):
         si.Campaign(model, [single, excitation], space.sample(3, seed=1))
     oscillator = si.BoucWen(mass=2.0, damping_ratio=0.05, stiffness=2000.0, alpha=1.0, beta=1.0, gamma=0.0)
     with pytest.raises(InputError, match="2 signals at once"):
         oscillator.simulate(np.zeros((1, 0)), excitation)
     with pytest.raises(InputError, match=r"one list: CombinedExcitation"):
         si.CombinedExcitation(single, single)
-    with pytest.raises(InputError, match="agree in all of these"):
+    with pytest.raises(InputError, match="two or more signals with equal properties"):
         si.CombinedExcitation((single, si.ForceHistory(single.values, 2 * DT)))
 
 
@@ -168,12 +168,12 @@ def test_the_default_terms_suit_the_channel(channel, excitation, limit):
 def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_made():
     space = si.ParameterSpace(a=si.Uniform(0, 1), b=si.Uniform(0, 1))
     record = si.GroundMotion.synthetic(seed=1)
-    with pytest.raises(InputError, match=r"18 runs.*10 chaos terms.*20 runs or more"):
+    with pytest.raises(InputError, match=r"18 runs.*10 chaos terms.*at least 20 runs"):
         si.PCNARX().check(space.sample(20, seed=1), [record], ("velocity",))
     si.PCNARX(training="per-experiment").check(space.sample(20, seed=1), [record], ("velocity",))
     coarse = si.GroundMotion(record.values[::2], 2 * record.dt)
     for settings in (si.PCNARX(), si.PODKriging(), si.PODPCE()):
-        with pytest.raises(InputError, match="one kind and one step"):
+        with pytest.raises(InputError, match="one kind and one time step"):
             settings.check(space.sample(100, seed=1), [record, coarse], ("velocity",))
     with pytest.raises(InputError, match="9 runs on each of 2 records"):
         si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)], ("velocity",))

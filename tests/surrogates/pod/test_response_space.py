@@ -98,9 +98,9 @@ def test_how_far_it_reaches(within, tmp_path):
     np.testing.assert_allclose([low, high], [reaching.fitted.low - margin, reaching.fitted.high + margin])
     np.testing.assert_array_equal(held.fitted.ends, [held.fitted.low, held.fitted.high])
     just_outside = np.array([[8.3e6]])
-    with pytest.warns(StructidWarning, match="responds as at the edge"):
+    with pytest.warns(StructidWarning, match="the response is computed at the nearest point of the range"):
         at_the_edge = held.simulate(just_outside, record).values
-    with pytest.warns(StructidWarning, match=r"by extrapolation, up to 0.2 times that range"):
+    with pytest.warns(StructidWarning, match=r"by extrapolation up to 0.2 times the range"):
         extrapolated, spread = reaching.predict(just_outside, record, return_std=True)
     true = model.simulate(just_outside, record).values
     assert np.abs(extrapolated.values - true).max() < 0.3 * np.abs(at_the_edge - true).max()

@@ -22,7 +22,7 @@ from structid.certification.external.truncated_support import with_what_is_exclu
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 from structid.certification.known_points import Points, joined
 from structid.certification.limits import Limits
-from structid.certification.model_runs import NOISE, Tell
+from structid.certification.model_runs import NOISE, ReportActivity
 from structid.certification.monte_carlo_error import MonteCarloError
 from structid.certification.true_posterior import Truth
 from structid.core.errors import InputError
@@ -34,7 +34,7 @@ Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
 """Log density of the draws up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
 
 SEARCH_SHARE = 6
-"""One further run per this number of runs at draws searches for a missed mode."""
+"""Number of runs at draws for each further run that searches for a missed mode."""
 AT_ONCE = 10
 """Runs of a round that trains the correction."""
 
@@ -54,54 +54,54 @@ def certify(
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
     executor: Any = None,
-    progress: Tell | None = None,
+    progress: ReportActivity | None = None,
 ) -> Certificate:
-    """Certify a posterior that another program drew: by model runs at a few of its draws.
+    """Certify a posterior that another program drew, from model runs at a few of its draws.
 
-    The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
-    draws of a wider density. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
-    `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own. Averages over the
-    draws have a Monte Carlo error besides, by their number and their autocorrelation: it is in the statement, and draws that are
-    too few for the limits are refused.
+    The draws should follow a density q. The true posterior π is evaluated at some of them and, if q is a function, at draws of a
+    wider density. The variation χ of π/q bounds the error of every mean, standard deviation and probability; see `Certificate`.
+    If q is a function, a second sampler checks whether the draws follow q. Averages over the draws also have a Monte Carlo error,
+    which depends on the number and autocorrelation of the draws. The statement includes this error, and draws that are too few for
+    the limits are refused.
 
     Parameters
     ----------
     posterior : Posterior or LogDensity
-        π, on the user's own model.
+        The true posterior π, with the user's own model.
     draws : array, mapping, ArviZ object, path, or SamplingResult
-        Draws (draw, parameter) or (chain, draw, parameter) in SI of all parameters of the posterior, those of the errors
-        included; columns by name; an InferenceData, DataTree or Dataset; a netCDF or CSV file; or a result of `sample`.
+        Draws (draw, parameter) or (chain, draw, parameter) in SI of all parameters of the posterior, including the error
+        model's; columns by name; an InferenceData, DataTree or Dataset; a netCDF or CSV file; or a result of `sample`.
     log_density : callable or ndarray, optional
         log q up to a constant, with respect to the parameters in SI: a function ``(point, parameter) -> (point,)``, or the values
-        at the draws, shaped as these without the last axis. If it is left out, that of a `SamplingResult` is taken, or the variable
-        ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws a density is fitted, and it is what is
-        certified.
+        at the draws, with their shape without the last axis. By default, the log density of a `SamplingResult` is used, or the
+        variable ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws, a density is fitted and certified
+        instead.
     true_runs : int, optional
-        Model runs at draws, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
-        the tails.
+        Number of model runs at draws; one more run repeats a point. By default 30, or 60 for a fitted density, which is least
+        accurate in the tails.
     searches : int, optional
-        Further model runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs`
-        when left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
+        Largest number of further model runs, in rounds of three, that search for missed modes. By default a sixth of `true_runs`,
+        or twice as many once a run is close to a relevant density. They need a posterior with a separate prior.
     teaching : int, optional
-        Further model runs at most, in rounds of ten, if the draws do not decide: where they show most of the draws' density. Half
-        of `true_runs` when left out.
+        Largest number of further model runs, in rounds of ten, if the draws do not decide: at points that are most informative
+        about the draws' density. By default half of `true_runs`.
     known : tuple of ndarray, optional
-        Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it: the model is run once at
-        the best of them to see that. None of them may exceed the draws. They show where a mode could be, and where the draws'
-        density is wrong.
+        Points (point, parameter) in SI with known log π (point,), as computed by the posterior. One model run at the best of them
+        checks the values. No known point may exceed the draws. The points guide the search for missed modes and the correction of
+        the draws' density.
     limits : Limits, optional
-        What must be met.
+        Limits that the certificate must meet.
     look : int
-        1 for the first certificate of these draws, 2 for a repetition after a refusal, and so on: the confidence is divided. The
-        draws alone, and what the runs have taught after every round of teaching, are a look each.
+        Number of the attempt: 1 for the first certificate of these draws, 2 after a refusal, and so on. The error probability is
+        divided among all attempts. The draws alone, and the correction after every round of further runs, are separate attempts.
     seed : int
-        Chooses the draws.
+        Seed for the choice of draws.
     store : path-like, optional
-        A folder for the model runs; a killed certificate goes on from there.
+        Folder for the model runs; an interrupted certification continues from it.
     executor : optional
-        Where an external model's runs are done; see `Campaign.run`.
+        Executor of an external model's runs; see `Campaign.run`.
     progress : callable, optional
-        Called with what is being done, how much of it is done, and the total.
+        Called with the current activity, the amount done, and the total.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def certify(
     Raises
     ------
     InputError
-        If these are draws of other parameters, too few, outside the support of the priors, or not of this density, or if the model
+        If the draws are of other parameters, too few, outside the support of the priors, or not of this density, or if the model
         has another log density at a known point.
 
     Examples
@@ -160,7 +160,7 @@ def certify(
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
         at_draws = fresh.theta, fresh.log_true
         others = joined(known, searched(drawn, at_draws, known, fresh.middle, count, truth.at, limits, rng))
-    # Where q has no density at all, a run is no draw of it; it may show that something is there.
+    # A run where q is zero is not a draw of q; it may reveal density there.
     fresh, why = with_what_is_excluded(drawn, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
     searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
@@ -188,7 +188,7 @@ def _judged(
     certificate = issue_certificate(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
     if certificate.certified or doubts or against or not np.isfinite(fresh.log_true).all():
         return certificate
-    # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
+    # The draws alone use α/2^(2k−1), the corrections share α/2^2k: all attempts of all k are wrong with probability α at most.
     looks = itertools.count(2 * look + 1)
     for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
         learnt = LearntDensity(drawn, judges, fresh, others, rng)
@@ -214,14 +214,14 @@ def _known(known: Points | None, dimension: int) -> Points:
         raise InputError(
             "certify(known)",
             f"points of shape {theta.shape} with log densities of shape {log_true.shape}",
-            f"(point, {dimension}) in SI and (point,), the log densities as the posterior gives them",
+            f"(point, {dimension}) in SI and (point,), the log densities as the posterior computes them",
         )
     ran = np.isfinite(theta).all(axis=1) & ~np.isnan(log_true)
     return theta[ran], log_true[ran]
 
 
 def _compare_known(known: Points, truth: Truth) -> None:
-    """Run the model at the best supplied point, since log densities without a constant would mislead."""
+    """Run the model at the best supplied point, since log densities that lack a constant would mislead."""
     theta, log_true = known
     if not np.isfinite(log_true).any():
         return
@@ -230,15 +230,15 @@ def _compare_known(known: Points, truth: Truth) -> None:
     if not abs(log_density_there - log_true[best]) <= NOISE:
         raise InputError(
             "certify(known)",
-            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior has "
+            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior gives "
             f"{log_density_there:.6g}",
-            "log π as `posterior.log_density` gives it",
-            "A log-likelihood lacks the prior, other programs leave constants out, and a model with noise never answers the same.",
+            "log π as `posterior.log_density` computes it",
+            "Check for a missing prior, for constants that other programs omit, and for noise in the model.",
         )
 
 
 def _within_reach(drawn: DrawnDensity, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
-    """Runs near the best one, where q is not zero: see `with_what_is_excluded`. Further away, q may be arbitrarily wrong."""
+    """Runs near the best run, where q is not zero: see `with_what_is_excluded`. Further away, q may be arbitrarily wrong."""
     log_true = np.concatenate([fresh.log_true, others[1]])
     log_drawn = np.concatenate([fresh.log_drawn, drawn.log_density(others[0]) if len(others[0]) else others[1]])
     near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)

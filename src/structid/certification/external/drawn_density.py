@@ -1,4 +1,4 @@
-"""The density q of external draws, and what every such density provides."""
+"""The density q of external draws: the interface of all such densities."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from structid.inference.convergence import walkers_in_turn
 from structid.inference.target import Target
 
 PARTS = 4
-"""Parts of a single chain, for the variation of its averages."""
+"""Number of parts of a single chain, for the variation of its averages."""
 MANY = 4000
 """Largest number of draws that represent a density."""
 COVERED = 0.99
 """Probability of the ball that counts as covered by the draws."""
 FAR_FROM_PRIOR = 8.0
-"""Distance of the draws' median from the prior's, in prior standard deviations, that suggests another unit."""
+"""Distance of the draws' median from the prior median, in prior standard deviations, that suggests another unit."""
 OTHER_SPREAD = 0.7
-"""Ratio of the given log density's spread to that fitted to the draws above which it does not belong to them."""
+"""Deviation of a given log density from the fitted log density, over the latter's spread, above which it is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +32,15 @@ class Chosen:
     """Points for model runs."""
 
     theta: Float[np.ndarray, "point parameter"]  # in SI
-    # Log density of q there; −inf outside its support, where the model may find that there is something
+    # Log density of q there; −inf outside its support, where the true posterior may have density
     log_drawn: Float[np.ndarray, " point"]
-    # Log density of the wider distribution there, on the scale of q; −inf if there is none
+    # Log density of the wider distribution there, with q's normalisation; −inf if there is none
     log_wide: Float[np.ndarray, " point"]
-    log_mixture: Float[np.ndarray, " point"]  # log density, likewise, of the mixture g from which the points come
+    log_mixture: Float[np.ndarray, " point"]  # log density of the mixture g of the points, with q's normalisation
 
     @property
     def shares(self) -> np.ndarray:
-        """q/g, the weight of each in an average over q."""
+        """q/g, the weight of each point in an average over q."""
         return np.asarray(np.exp(self.log_drawn - self.log_mixture))
 
     @property
@@ -56,15 +56,15 @@ class DrawnDensity(ABC):
     """q, the density of external draws."""
 
     subject = ""
-    """What is certified, where it is not the draws."""
+    """Description of the certified density, if the draws themselves are not certified."""
     at_draws: np.ndarray
     """Log density of q at draws of it, shape (draw,)."""
     fitted: FittedDensity
-    """What was fitted to the draws, in unconstrained coordinates."""
+    """Density fitted to the draws, in unconstrained coordinates."""
     width = 1.0
-    """Times as wide as the draws is the density that such points come from."""
+    """Width of the density of the points for model runs, relative to the draws."""
     enough = 30
-    """Model runs that mostly decide."""
+    """Number of model runs that usually decides."""
 
     def __init__(self, posterior: Target, draws: Float[np.ndarray, "chain draw parameter"]) -> None:
         self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws
@@ -77,8 +77,8 @@ class DrawnDensity(ABC):
             raise InputError(
                 "certify(draws)",
                 f"{int(outside.any(axis=1).sum())} of {len(self.flat)} draws outside the support of the priors, in {names}",
-                "draws in SI inside it",
-                "Are they in SI? structid reckons in N, m, kg, s.",
+                "draws in SI inside the support",
+                "Check that they are in SI: N, m, kg, s.",
             )
 
     @property
@@ -110,13 +110,13 @@ class DrawnDensity(ABC):
         return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
 
     def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """Describe draws where the prior is next to zero, as those in another unit are."""
+        """Describe draws where the prior is nearly zero, for example draws in another unit."""
         if not self.posterior.knows_prior:
             return ()
         prior = self.posterior.initial(MANY, rng)
         middle, sd = np.median(prior, axis=0), prior.std(axis=0)
         distance = np.abs(np.median(self.phi, axis=0) - middle) / sd
-        # Errors may be a thousandth of what the prior of their error model allows: that is a good fit, and no unit.
+        # Errors may be a thousandth of their prior's range: this indicates a good fit, not another unit.
         worst = max(self.posterior.own, key=lambda place: float(distance[place]))
         if distance[worst] <= FAR_FROM_PRIOR:
             return ()
@@ -125,8 +125,8 @@ class DrawnDensity(ABC):
             float(self.bijection(middle[None])[0][0, worst]),
         )
         return (
-            f"the draws of {self.posterior.names[worst]} lie {distance[worst]:.0f} standard deviations of the prior away from its "
-            f"median, at {median_of_draws:.3g} where that is {expected:.3g}: are they in SI (N, m, kg, s)",
+            f"the draws of {self.posterior.names[worst]} have a median of {median_of_draws:.3g}, {distance[worst]:.0f} standard "
+            f"deviations from the prior median {expected:.3g}: check that they are in SI (N, m, kg, s)",
         )
 
     @abstractmethod
@@ -159,7 +159,7 @@ def refuse_another(
         raise InputError(
             "certify(log_density)",
             f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
-            "a finite one at every draw: nothing is drawn where the density is zero",
+            "a finite value at every draw, since there are no draws where the density is zero",
         )
     fitted = FittedDensity.of(drawn.phi, rng)
     log_fitted = of_fitted(fitted, drawn, drawn.flat)
@@ -170,11 +170,11 @@ def refuse_another(
     if not gap <= OTHER_SPREAD * spread:
         raise InputError(
             "certify(log_density)",
-            f"a log density that is not that of the draws: over them it varies by {0.5 * gap:.3g} nats about a density that was "
-            f"fitted to them, which itself varies by {0.5 * spread:.3g} nats",
-            "log q of the parameters in SI, of the density that the draws come from, up to a constant",
-            "A log-likelihood, or a density with respect to other coordinates, is none; and of a chain of a few autocorrelation "
-            "times the draws do not stand for any density. If you do not know it, leave it out.",
+            f"a log density that is not that of the draws: it deviates by {0.5 * gap:.3g} nats from a density fitted to the draws, "
+            f"which itself varies by {0.5 * spread:.3g} nats",
+            "log q with respect to the parameters in SI, up to a constant, where q is the density of the draws",
+            "Do not give a log-likelihood or a density with respect to other coordinates, nor draws of a chain of a few "
+            "autocorrelation times. If you do not have log q, leave it out.",
         )
     return fitted
 

@@ -15,13 +15,13 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.inference.target import Target
 
 WIDE_SHARE = 1.0 / 3.0
-"""Fraction of the model runs at draws of a wider density: draws of an approximation that is too narrow rarely reach its tails."""
+"""Fraction of the model runs at draws of a wider density, since draws of a too narrow approximation rarely reach the tails."""
 WIDENED = 1.4
-"""Width of that density relative to the draws, about that of q^½."""
+"""Width of that density relative to the draws, about the width of q^½."""
 AROUND = (WIDENED, 3.0)
-"""Widths of the densities from which points without a model run come."""
+"""Relative widths of the densities of points without a model run."""
 SEARCHED = 20_000
-"""Draws of the fitted density searched for points outside the support of q, which may be truncated."""
+"""Number of draws of the fitted density searched for points outside the support of q, which may be truncated."""
 DEEPEST = 100.0
 """Depth below its highest density from which q counts as zero [nat]."""
 
@@ -50,13 +50,13 @@ class DensityOfDraws(DrawnDensity):
         if values.shape != (len(theta),):
             raise InputError(
                 "certify(log_density)",
-                f"a function that gives an array of shape {values.shape} for points of shape {theta.shape}",
+                f"a function that returns an array of shape {values.shape} for points of shape {theta.shape}",
                 f"({len(theta)},): a log density for each point",
             )
         return np.where(np.isnan(values), -np.inf, values)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds draws, the others from a wider density; see `DrawnDensity.chosen`."""
+        """Points: two thirds are draws, one third comes from a wider density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
@@ -68,7 +68,7 @@ class DensityOfDraws(DrawnDensity):
         many: Float[np.ndarray, "many parameter"],
         rng: np.random.Generator,
     ) -> Chosen:
-        """Combine draws of q with those of a wider density and points outside the support of q."""
+        """Combine draws of q, draws of a wider density and points outside the support of q."""
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
         wide = self.fitted.draw(MANY, rng, WIDENED)
@@ -95,7 +95,7 @@ class DensityOfDraws(DrawnDensity):
         return self.phi
 
     def _log_integral(self, many: np.ndarray, wide: np.ndarray) -> float:
-        """Log ∫q, by draws of q and of the wider density, which is normalised."""
+        """Log ∫q, from draws of q and of the wider density, which is normalised."""
         log_q = self._in_coordinates(wide)
         inside = np.isfinite(log_q)
         some = many[:: max(1, len(many) // MANY)]
@@ -105,9 +105,9 @@ class DensityOfDraws(DrawnDensity):
         return float(ratio + np.log(inside.mean()))
 
     def _of_mixture(self, phi: np.ndarray, counts: list[int], widths: list[float], log_integral: float) -> Chosen:
-        """Points of a mixture of draws of q and of densities of other widths, with all log densities on the scale of q."""
+        """Points drawn from a mixture of q and densities of other widths; all log densities share q's normalisation."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            phi = phi[np.isfinite(self.bijection.inverse(self.bijection(phi)[0])).all(axis=1)]  # so far away is a bound
+            phi = phi[np.isfinite(self.bijection.inverse(self.bijection(phi)[0])).all(axis=1)]  # others are on a bound
         theta, jacobian = self.bijection(phi)
         log_q = self._in_coordinates(phi)
         wider = [self.fitted.log_density(phi, width) + log_integral for width in widths]

@@ -1,4 +1,4 @@
-"""External draws whose density is known at the draws only, or not at all."""
+"""External draws whose density is known only at the draws, or not at all."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from structid.core.streams import Purpose, stream
 from structid.inference.target import Target
 
 FITTED_DRAWS = 20_000
-"""Draws of a fitted density that represent it."""
+"""Number of draws that represent a fitted density."""
 MOMENTS = 0.1
 """Error of a mean in standard deviations, or relative error of a standard deviation, above which a fitted density is rejected."""
 
 
 class ValuesAtDraws(DrawnDensity):
-    """The log density of q is known at the draws only."""
+    """The log density of q is known only at the draws."""
 
-    subject = "of a density that is known at the draws alone"
+    subject = "for a density that is known only at the draws"
 
     def __init__(
         self, posterior: Target, draws: np.ndarray, values: Float[np.ndarray, "*chain draw"], rng: np.random.Generator
@@ -62,7 +62,7 @@ class ValuesAtDraws(DrawnDensity):
 class FittedToDraws(DensityOfDraws):
     """No density is known: q is fitted to the draws."""
 
-    subject = "of a density that was fitted to the draws"
+    subject = "for a density that was fitted to the draws"
     enough = 60
 
     def __init__(self, posterior: Target, draws: np.ndarray, rng: np.random.Generator) -> None:
@@ -85,12 +85,12 @@ class FittedToDraws(DensityOfDraws):
         return of_fitted(self.fitted, self, theta)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Two thirds of them draws of the fitted density; see `DrawnDensity.chosen`."""
+        """Points, two thirds of which are draws of the fitted density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Compare the fitted density's moments with those of the draws; see `DrawnDensity.doubts`."""
+        """Compare the moments of the fitted density and of the draws; see `DrawnDensity.doubts`."""
         given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
         sd = given.std(axis=0)
         means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd
@@ -100,6 +100,6 @@ class FittedToDraws(DensityOfDraws):
             return ()
         return (
             "the density that was fitted to the draws does not have their moments: the mean of "
-            f"{self.posterior.compared_names[worst]} is {means[worst]:.2g} standard deviations off, its standard deviation "
-            f"{sds[worst]:.0%}; give the density itself",
+            f"{self.posterior.compared_names[worst]} differs by {means[worst]:.2g} standard deviations, its standard deviation "
+            f"by {sds[worst]:.0%}; give the density itself",
         )

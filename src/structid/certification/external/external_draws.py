@@ -24,11 +24,11 @@ WHERE = "certify(draws)"
 CHAIN_AND_DRAW = ("chain", "draw")
 
 FEWEST, FEWEST_FOR_EACH = 100, 20
-"""Minimum number of draws, and per parameter, for sufficiently known moments."""
+"""Minimum number of draws, in total and per parameter, for sufficiently accurate moments."""
 
 ACROSS = 0.1
-"""Correlation of neighbouring chains, beyond three standard errors, above which they are steps of an ensemble, if successive
-draws correlate less."""
+"""Correlation of neighbouring chains, beyond three standard errors, above which they are taken for steps of an ensemble, if
+successive draws correlate less."""
 
 
 def draws_of(
@@ -36,7 +36,7 @@ def draws_of(
 ) -> Float[np.ndarray, "chain draw parameter"]:
     """Extract draws of the parameters from any container.
 
-    Named columns are taken by name, others by position. Other columns, text included, are ignored.
+    Named columns are taken by name, unnamed columns by position. Further columns, text included, are ignored.
     """
     if isinstance(draws, SamplingResult):
         draws_by_name = _by_name({n: draws.draws[:, :, i] for i, n in enumerate(draws.names)}, names)
@@ -71,13 +71,13 @@ def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarra
             available = next((name for name in ("log_density", own_name) if name in statistics), None)
             return None if available is None else np.asarray(statistics[available].transpose("chain", "draw").values)
     except (OSError, KeyError, ValueError):
-        return None  # no such group; what is wrong with the file, `draws_of` says
+        return None  # no such group; `draws_of` reports what is wrong with the file
 
 
 def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
     """Draws of the group `posterior` of a netCDF file, or of a table with titles, (chain, draw, parameter)."""
     if not path.is_file():
-        raise InputError(WHERE, f"no file {path}", "a netCDF file with the group 'posterior', or a CSV with heads")
+        raise InputError(WHERE, f"no file {path}", "a netCDF file with the group 'posterior', or a CSV file")
     if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat"):
         table = _text_table(path)
         _check_cells(path, table, names)
@@ -100,7 +100,7 @@ def _text_table(path: Path) -> Any:
 
     lines = [line for line in lines_of(path) if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
-        raise InputError(WHERE, f"{path}: {len(lines)} lines", "a line of heads, and a line for each draw")
+        raise InputError(WHERE, f"{path}: {len(lines)} lines", "a heading line, and a line for each draw")
     separator = next((sign for sign in ";\t," if sign in lines[0]), r"\s+")
     decimal = "," if separator in (";", "\t", r"\s+") and "," in lines[1] and "." not in lines[1] else "."
     text = io.StringIO("\n".join(lines))
@@ -108,8 +108,8 @@ def _text_table(path: Path) -> Any:
         return pandas.read_csv(
             text, sep=separator, decimal=decimal, skipinitialspace=True, index_col=False, engine="python"
         )
-    except ValueError as problem:  # pandas' errors of parsing are such
-        raise InputError(WHERE, f"{path}: {problem}", "a line of heads, and as many values in every line") from None
+    except ValueError as problem:  # pandas raises these for parsing errors
+        raise InputError(WHERE, f"{path}: {problem}", "a heading line, and as many values in every line") from None
 
 
 def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
@@ -118,7 +118,7 @@ def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
 
     heads = [str(name).strip() for name in table.columns]
     if all(pandas.notna(pandas.to_numeric(head, errors="coerce")) for head in heads):
-        raise InputError(WHERE, f"{path}: numbers in the first line", f"a line of heads: {', '.join(names)}")
+        raise InputError(WHERE, f"{path}: numbers in the first line", f"a heading line: {', '.join(names)}")
     for head, name in zip(heads, table.columns, strict=True):
         if head not in names or pandas.api.types.is_numeric_dtype(table[name]):
             continue
@@ -151,7 +151,7 @@ def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:
 def _of_dataset(dataset: Any, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
     """Draws of an xarray.Dataset; variables with further dimensions are named as in ArviZ, b[0], b[1]."""
     if "sample" in dataset.dims:
-        # As az.extract gives them: chain and draw in one dimension, with an index of the two where all draws are there.
+        # As returned by az.extract: chain and draw in one dimension, with a joint index if all draws are present.
         index = dataset.indexes.get("sample")
         both = set(CHAIN_AND_DRAW) <= set(getattr(index, "names", ())) and index.is_unique
         if both and len(index) == np.prod([index.get_level_values(name).nunique() for name in CHAIN_AND_DRAW]):
@@ -197,7 +197,7 @@ def _by_name(columns: Mapping[str, Any], names: tuple[str, ...]) -> np.ndarray:
             WHERE,
             f"draws of {', '.join(columns) or 'nothing'}",
             f"draws of all parameters of the posterior, by the same names: {', '.join(names)}",
-            f"There are none of {', '.join(missing)}. Parameters of the errors, such as sigma2, are parameters, too.",
+            f"Add draws of {', '.join(missing)}. Error-model parameters, such as sigma2, are needed, too.",
         )
     columns_taken = [np.atleast_2d(real_array(f"{WHERE}: {name}", columns[name], "numbers")) for name in names]
     if len({values.shape for values in columns_taken}) > 1:
@@ -220,10 +220,10 @@ def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     if across > max(along, ACROSS + 3.0 / np.sqrt(array[..., 0].size)):
         raise InputError(
             WHERE,
-            f"{array.shape[0]} chains of {array.shape[1]} draws, of which neighbouring chains correlate by {across:.2f} and "
-            f"successive draws by {along:.2f}",
+            f"{array.shape[0]} chains of {array.shape[1]} draws, of which neighbouring chains have a correlation of "
+            f"{across:.2f} and successive draws of {along:.2f}",
             "(chain, draw, parameter); independent draws are one array (draw, parameter)",
-            "emcee's get_chain() is (step, walker, parameter): give chain.swapaxes(0, 1), and its log densities transposed.",
+            "emcee's get_chain() returns (step, walker, parameter): give chain.swapaxes(0, 1), and its log densities transposed.",
         )
     return array
 
@@ -243,13 +243,13 @@ def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
         raise InputError(
             WHERE,
             f"{count} draws",
-            f"{fewest} or more for {len(names)} parameters, best some thousand",
-            "Their means and standard deviations are what the certificate is about.",
+            f"{fewest} or more for {len(names)} parameters, best a few thousand",
+            "Take more draws: the certificate concerns their means and standard deviations.",
         )
     if not np.isfinite(draws).all():
         raise InputError(WHERE, f"{int((~np.isfinite(draws)).sum())} values that are not finite", "numbers")
     flat = draws.reshape(-1, len(names))
     fixed = [name for name, spread in zip(names, np.ptp(flat, axis=0), strict=True) if spread == 0.0]
     if fixed:
-        raise InputError(WHERE, f"draws that are all the same in {', '.join(fixed)}", "draws of a posterior")
+        raise InputError(WHERE, f"draws that are all the same in {', '.join(fixed)}", "draws that vary")
     return draws

@@ -1,9 +1,9 @@
-"""A density fitted to draws: marginals are mapped to normal ones, rotated, mapped again, and so on.
+"""A density fitted to draws: marginals are mapped to normal distributions, rotated, mapped again, and so on.
 
 S. S. Chen & R. A. Gopinath (2000), Gaussianization, Advances in Neural Information Processing Systems 13. In every layer each
 coordinate is mapped by the sinh-arcsinh transformation of M. C. Jones & A. Pewsey (2009), doi 10.1093/biomet/asp053, whose four
-parameters (place, width, skewness, weight of the tails) are those of maximum likelihood. The first layer whitens; the others are
-rotated at random. A composition of such maps has a density that can be evaluated and drawn from.
+parameters (place, width, skewness, weight of the tails) are fitted by maximum likelihood. The first layer whitens; all further
+layers are rotated at random. A composition of such maps has a density that can be evaluated and drawn from.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import scipy
 from jaxtyping import Float
 
 MOST_LAYERS = 12
-"""Largest number of layers. The first makes the marginals normal; each further one captures nonlinear dependence."""
+"""Largest number of layers. The first makes the marginals normal; each further layer captures nonlinear dependence."""
 HELD_OUT = 0.2
 """Fraction of the draws by which the number of layers is chosen, since every layer also fits noise."""
 LARGEST_ANGLE = 300.0
-"""Largest argument of sinh and cosh, far beyond any draw; squares of larger ones overflow."""
+"""Largest argument of sinh and cosh, far beyond any draw; squares of larger values overflow."""
 LARGEST_LOG = 3.0
 """Largest logarithm of a width or of a tail weight."""
 

@@ -1,10 +1,10 @@
 """Search for modes that external draws have missed, by model runs.
 
-Draws carry no information about places without draws. A Kriging of the log density, at all known runs, predicts where it could be
-high. It is uncertain far from runs; but runs at draws alone, all close together, make it certain everywhere, because their trend
-is extrapolated. Without other runs, the search therefore begins at draws of the prior. The model is then run at the points most
-likely to have a relevant density. If one of them has, it exceeds the draws, and no certificate is issued. A mode may still be
-missed.
+Draws contain no information about regions without draws. A Kriging surrogate of the log density, fitted to all known runs,
+predicts where it could be high. It is uncertain far from runs. Runs at draws alone lie close together; their extrapolated trend
+makes it certain everywhere. Without other runs, the search therefore begins at draws of the prior. The model is then run at the
+points most likely to have a relevant density. If a point has one, it exceeds the draws, and no certificate is issued. A mode may
+still be missed.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from structid.certification.limits import Limits
 SCOUTS = 4000
 """Draws of the prior among which a run is chosen."""
 AT_ONCE = 3
-"""Runs per round, since each informs the choice of the next."""
+"""Number of runs per round; few, since each round informs the choice of the next runs."""
 APART = 0.3
-"""Smallest distance between two of them, in standard deviations of the prior."""
+"""Smallest distance between two runs, in standard deviations of the prior."""
 NEAR = 3.0
 """Multiple of `Limits.reach` below the best run within which the search continues around a run."""
 HOPELESS = -10.0
-"""Standard deviations of the Kriging below a relevant density at which the search ends."""
+"""Distance below a relevant density, in standard deviations of the Kriging surrogate, at which the search ends."""
 
 
 def searched(
@@ -47,7 +47,7 @@ def searched(
     z = chart(scouts)[0]
     theta, jacobian = drawn.bijection(scouts)
     of_draws = drawn.log_density(theta) + middle
-    # What the draws do not visit; in their tails, fresh draws of a wider density see for themselves.
+    # Regions that the draws do not visit; fresh draws of a wider density cover the tails of the draws.
     best = max(at_draws[1].max(), known[1].max(initial=-np.inf))
     free = (of_draws < best - limits.reach) & ~drawn.covers(theta)
     new_runs: Points = np.empty((0, drawn.posterior.dimension)), np.empty(0)
@@ -57,7 +57,7 @@ def searched(
         points, log_true = joined(at_draws, others)
         matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
         if np.count_nonzero(~drawn.covers(others[0])) < AT_ONCE:
-            chance = rng.random(len(z))  # any draws of the prior
+            chance = rng.random(len(z))  # arbitrary draws of the prior
         else:
             mean, deviation = _kriged(drawn, chart, (points, log_true)).at(scouts)
             chance = (mean - jacobian - matters) / np.maximum(deviation, 1e-9)
@@ -85,7 +85,7 @@ def _kriged(drawn: DrawnDensity, chart: Chart, known: Points) -> KrigedDensity:
 
 
 def _apart(chance: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
-    """The most promising points, with a minimum distance."""
+    """The most promising points, with a minimum distance between them."""
     places: list[int] = []
     for index in np.argsort(-chance):
         if len(places) == count or chance[index] < HOPELESS:

@@ -22,7 +22,7 @@ CORRELATIONS: tuple[Correlation, ...] = ("gaussian", "matern52")
 NUGGET = 1e-8
 """Noise variance relative to the process variance; keeps correlations of close runs regular."""
 RUNS_FOR_EACH = 2
-"""Runs per term of a trend from which it is tried."""
+"""Minimum number of runs per term of a trend."""
 
 Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Map from φ, (point, parameter), to coordinates in which the log density is smooth, with a first guess of it, (point,)."""
@@ -39,7 +39,7 @@ def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
 
 
 def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Chart of the parameters themselves: near a bound, φ diverges where hardly anything changes."""
+    """Chart of the parameters themselves: near a bound, φ diverges while the density hardly changes."""
     standardised = standardised_by(theta)
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

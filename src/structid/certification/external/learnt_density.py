@@ -1,8 +1,8 @@
 """A density q′ between external draws and the true posterior, learnt from model runs.
 
-The weights π/q vary where q is wrong, whether that matters or not. A Kriging of log π, at the runs of the certificate and at
-known ones, gives a density q′ that is closer. The differences of its moments from those of q cost no run (see `Correction`). The
-runs assess q′: each is compared with a Kriging that has not used it.
+The weights π/q vary wherever q is wrong, whether this matters or not. A Kriging surrogate of log π, fitted to the certificate's
+runs and to known runs, gives a closer density q′. The differences between the moments of q′ and q need no model run (see
+`Correction`). The runs assess q′: each run is compared with a Kriging surrogate fitted without it.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from structid.certification.known_points import Points, joined
 from structid.certification.limits import Limits
 
 AROUND = 9000
-"""Points at which q and q′ are compared."""
+"""Number of points at which q and q′ are compared."""
 BEYOND = 0.01
-"""Probability of q′ that may lie where no fresh draw comes."""
+"""Accepted probability of q′ in regions without fresh draws."""
 COMPARED = 1000
-"""Draws of q′ at which the densities of the folds are compared with it."""
+"""Number of draws of q′ at which the densities of the folds are compared with q′."""
 SURE = 0.5
 """Standard deviation of the Kriging at which its weight is e⁻¹ [nat]."""
 MOST_UNSURE = 2.0
 """Standard deviation of the Kriging above which it no longer affects the choice of a run [nat]."""
 TAILS = 0.02
-"""Fraction of the wider density where nothing was learnt: weights of an approximation with short tails have no variation."""
+"""Fraction of the wider density where nothing was learnt: with short tails, the weights would have no finite variation."""
 DEEPEST = 60.0
 """Depth below the best run at which known runs no longer inform the posterior [nat]."""
 
@@ -60,15 +60,15 @@ class LearntDensity:
 
     @property
     def correction(self) -> Correction:
-        """From q to q′."""
+        """Correction from q to q′."""
         return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
 
     def stored(self, limits: Limits) -> StoredRuns:
-        """Compare the runs with q′ where points for runs come, and elsewhere with q."""
+        """Compare the runs with q′ in the region of points for runs, and with q elsewhere."""
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
         covered = self.drawn.covers(self.theta)
         log_drawn = np.where(covered, foretold, self.drawn.log_density(self.theta) + self.fresh.middle)
-        # What is neither covered nor in q's support is judged as excluded.
+        # Runs that are neither covered nor in q's support are treated as excluded.
         near = (self.log_true >= self.log_true.max() - limits.reach) & np.isfinite(log_drawn)
         return StoredRuns(self.log_true[near], log_drawn[near])
 
@@ -79,8 +79,8 @@ class LearntDensity:
         if beyond <= BEYOND:
             return ()
         return (
-            f"as the runs have taught, {beyond:.0%} of the posterior lies beyond the draws, where no run has judged it: the draws "
-            "end where the posterior is still high",
+            f"according to the model runs, {beyond:.0%} of the posterior lies beyond the draws, where no run has checked it: the "
+            "draws end where the posterior is still high",
         )
 
     def judging(self) -> FreshDraws:
@@ -91,7 +91,7 @@ class LearntDensity:
         log_drawn, differences = np.empty(count), list[DensityDifference]()
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
-            left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
+            left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh runs come last
             gap = self._log_density(left, self.around[some]) - self.log_learnt[some]
             scale, apart = density_difference(gap, compared[some])
             differences.append(apart)
@@ -114,7 +114,7 @@ class LearntDensity:
         kriged = self.kriged
         for _ in range(count if len(theta) else 0):
             mean, deviation = kriged.at(phi)
-            # What a wrong weight adds to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
+            # Contribution of a wrong weight to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
             places.append(int(np.argmax(weights * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
             kriged = kriged.believing(phi[places[-1:]], mean[places[-1:]])
         return np.asarray(theta[places])
@@ -132,7 +132,7 @@ class LearntDensity:
 
 
 def _worth_learning(drawn: DrawnDensity, fresh: FreshDraws, known: Points) -> Points:
-    """Known runs that inform the posterior, followed by the fresh ones."""
+    """Known runs that inform the posterior, followed by the fresh runs."""
     theta, log_true = known
     with np.errstate(invalid="ignore", divide="ignore"):
         inside = np.isfinite(drawn.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)

@@ -1,15 +1,15 @@
-"""Test by Stein's identity whether draws have a density that is known at them alone.
+"""Test by Stein's identity whether draws follow a density that is known only at the draws.
 
-Over draws of a density q the slope of log q averages to zero, and its product with the distance from the mean to −1:
+Over draws of a density q, the gradient of log q averages to zero, and its product with the distance from the mean to −1:
 
 E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
 
 (C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural
-Information Processing Systems 28). Both follow by integration by parts where q falls to zero. Where the draws end and q does not,
+Information Processing Systems 28). Both follow by integration by parts if q falls to zero. If the draws end where q is not zero,
 the boundary term is missing. Draws that lack a part of q, or come from an unconverged chain, are therefore detected from q at the
-draws alone. A mode far from all of them is not detected.
+draws alone. A mode far from all draws is not detected.
 
-The slopes are those of Krigings, which interpolate log q between some hundred draws.
+The gradients come from Kriging surrogates that interpolate log q between a few hundred draws.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from structid.certification.external.kriged_density import (
 from structid.inference.convergence import standard_error
 
 INTERPOLATED = 200
-"""Largest number of draws that a Kriging interpolates. Two Krigings of different draws give their error."""
+"""Largest number of draws that a Kriging surrogate interpolates. Two surrogates of different draws give their error."""
 COMPARED = 3000
-"""Largest number of draws over which slopes are averaged."""
+"""Largest number of draws over which gradients are averaged."""
 SLOPE, SPREAD = 0.1, 0.2
-"""Accepted deviations of the averages from 0 and −1 beyond their errors. For a normal distribution they correspond to a mean
-that is 0.1 standard deviations off, and a standard deviation that is 10 % off."""
+"""Accepted deviations of the averages from 0 and −1 beyond their errors. For a normal distribution, they correspond to
+errors of 0.1 standard deviations in the mean and of 10 % in the standard deviation."""
 TELLING = 0.4
-"""Error of the first average above which not even a missing half of a normal distribution is detected: it is 0.48 there."""
+"""Error of the first average above which not even a missing half of a normal distribution is detected, whose average is 0.48."""
 ERRORS = 3.0
-"""Errors of an average that are allowed."""
+"""Allowed number of standard errors of an average."""
 STEP = 1e-3
 """Step of a difference quotient, in standard deviations."""
 
@@ -53,31 +53,31 @@ class _Averages(NamedTuple):
 
 
 def not_its_draws(drawn: DrawnDensity, rng: np.random.Generator) -> tuple[str, ...]:
-    """Describe, by Stein's identity, why draws do not have a density; empty if they may."""
+    """Explain, by Stein's identity, why the draws do not follow the given density; empty if no contradiction is found."""
     averages = _averages(drawn, rng)
     slope = np.abs(averages.slope) - averages.slope_error - SLOPE
     spread = np.abs(averages.spread - 1.0) - averages.spread_error - SPREAD
     if max(slope.max(), spread.max()) <= 0.0:
-        return _untold(float(averages.slope_error.max()))
+        return _undecided(float(averages.slope_error.max()))
     if slope.max() >= spread.max():
         worst = int(np.argmax(slope))
-        finding = f"its slope averages to zero, here to {averages.slope[worst]:+.2f}"
+        finding = f"the gradient of log q averages to zero, here to {averages.slope[worst]:+.2f}"
     else:
         worst = int(np.argmax(spread))
-        finding = f"its slope times the distance from the mean averages to -1, here to {-averages.spread[worst]:.2f}"
+        finding = f"the gradient of log q times (x − mean) averages to -1, here to {-averages.spread[worst]:.2f}"
     return (
-        f"these are not draws of the given density: over draws of a density {finding} along {drawn.posterior.names[worst]}, in "
+        f"these are not draws of the given density: over draws of a density q, {finding} along {drawn.posterior.names[worst]}, in "
         "standard deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
     )
 
 
-def _untold(error: float) -> tuple[str, ...]:
+def _undecided(error: float) -> tuple[str, ...]:
     if error <= TELLING:
         return ()
     return (
-        "whether these are draws of the given density cannot be told from its values at them: over them its slope averages to zero "
-        f"within {error:.2g} only, where that of half a normal density is 0.48 (Stein's identity). Give the density as a "
-        "function, or more draws",
+        "whether these are draws of the given density cannot be told from its values at the draws: the gradient of its logarithm "
+        f"averages to zero only within {error:.2g}, while half a normal density gives 0.48 (Stein's identity). Give the density "
+        "as a function, or more draws",
     )
 
 
@@ -104,7 +104,7 @@ def _averages(drawn: DrawnDensity, rng: np.random.Generator) -> _Averages:
 def _interpolated(
     drawn: DrawnDensity, values: np.ndarray, rng: np.random.Generator
 ) -> tuple[list[KrigedDensity], float]:
-    """Two Krigings of log q, and the root mean square of their errors at draws they have not used [nat]."""
+    """Two Kriging surrogates of log q, and the root mean square of their errors at draws they have not used [nat]."""
     rows = drawn.distinct(3 * INTERPOLATED, rng)
     first, second, unseen = np.array_split(rows, 3)
     charts = [in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi), normal_by(drawn.fitted)]

@@ -1,7 +1,7 @@
 """Truncated support: the model where a given density is zero.
 
-Programs that explore by classification exclude parts of the space. There the ratio π/q of a model run is infinite; but if π is
-low and falls on the way from the draws, little of π is missing.
+Samplers that classify points exclude parts of the space. There the ratio π/q of a model run is infinite. If π is low there and
+falls on the path from the draws, little of π is missing.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def with_what_is_excluded(
 ) -> tuple[FreshDraws, tuple[str, ...]]:
     """Allow for the fraction of π that may lie where q is zero.
 
-    If a fraction δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by at
+    If a fraction δ of π is missing and q is right elsewhere, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by at
     most √(δ/(1 − δ)) standard deviations. For a normal distribution truncated h nats below its highest density, δ = P(χ²_d > 2h).
-    This holds for the mode that was drawn. A valley between it and an excluded point indicates another one.
+    This holds for the drawn mode. A valley between it and an excluded point indicates another mode.
     """
     theta, log_true = runs
     highest = fresh.log_true.max(initial=-np.inf)
@@ -44,8 +44,8 @@ def with_what_is_excluded(
     missing = float(scipy.stats.chi2.sf(2.0 * depth, theta.shape[1]))
     if missing > limits.mean**2 / (1.0 + limits.mean**2):
         return replace(fresh, missing=missing), (
-            f"the given density ends where the posterior is still high: at a point that it excludes, the log density of the model "
-            f"is {depth:.2g} nats below the highest. Of a normal density that ends there {missing:.0%} would be missing",
+            f"the given density ends where the posterior is still high: at an excluded point, the model's log density is only "
+            f"{depth:.2g} nats below its maximum. A normal density truncated there would lack {missing:.0%} of its mass",
         )
     return replace(fresh, missing=missing), _valleys(drawn, (theta[outside], log_true[outside]), run)
 
@@ -54,15 +54,15 @@ def _valleys(drawn: DrawnDensity, beyond: Points, run: Callable[[np.ndarray], np
     """Search for valleys on the paths from excluded points to the draws."""
     theta, log_true = beyond
     if len(theta) > FOLLOWED:
-        return (f"the given density excludes {len(theta)} model runs that matter, and {FOLLOWED} at most are followed",)
+        return (f"the given density excludes {len(theta)} relevant model runs, and only {FOLLOWED} can be checked",)
     ways = _ways(drawn, theta)
     result = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
     divided = int((result.min(axis=0) < log_true - VALLEY).sum())
     if not divided:
         return ()
     return (
-        f"a valley of the posterior divides the draws from {divided} of {len(theta)} model runs that the given density excludes: "
-        "there may be a mode which it does not have",
+        f"a valley of the posterior separates the draws from {divided} of {len(theta)} model runs that the given density excludes: "
+        "the given density may lack a mode there",
     )
 
 

@@ -1,1 +1,1 @@
-"""Commands, one file each. `cli/commands/command_list.py` gives their order."""
+"""Commands, one file per command. `cli/commands/command_list.py` lists them in order."""

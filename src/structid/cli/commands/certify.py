@@ -1,4 +1,4 @@
-"""structid certify: certify external draws of a study's posterior by its own model."""
+"""structid certify: certify external draws of a study's posterior by runs of the study's model."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from structid.cli.screen import NOT_CONVERGED, screen, stage
 def certify(
     study: Annotated[Path, typer.Argument(help="The study file (TOML): model, measurements, priors.")],
     draws: Annotated[
-        Path, typer.Argument(help="Draws: a netCDF file of the ArviZ schema, or a CSV with heads. In SI.")
+        Path, typer.Argument(help="Draws in SI units: a netCDF file (ArviZ schema) or a CSV file with a header.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the model runs, the certificate and its page.")] = Path(
         "certificate"
     ),
-    runs: Annotated[int | None, typer.Option(help="Model runs; 30, or 60 for draws without their density.")] = None,
-    look: Annotated[int, typer.Option(help="2 for a second certificate of the same draws, and so on.")] = 1,
-    executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
+    runs: Annotated[int | None, typer.Option(help="Model runs; default 30, or 60 for draws without densities.")] = None,
+    look: Annotated[int, typer.Option(help="Number of this attempt: 2 for a second certificate of these draws.")] = 1,
+    executor: Annotated[str, typer.Option(help="Executor for the runs of an external solver.")] = "serial",
 ) -> None:
-    """Certify a posterior that another program drew, by a few runs of the study's own model."""
+    """Certify posterior draws from another program by a few runs of the study's model."""
     from structid.study.certified_draws import certify_draws
 
     certificate, page = certify_draws(study, draws, out, runs, look, stage, executor)

@@ -1,4 +1,4 @@
-"""structid check: all problems of a study, and its expected cost."""
+"""structid check: all problems of a study file, and the expected cost of the study."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def check(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     plot: Annotated[
-        Path | None, typer.Option(help="A folder for figures that lay each measurement and the model on its record.")
+        Path | None, typer.Option(help="Folder for figures of each measurement, the model response and the record.")
     ] = None,
 ) -> None:
-    """List all problems of a study and its expected cost; the model is run a few times."""
+    """List all problems of a study and estimate its cost by a few model runs."""
     from structid.study.cost import estimate
     from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility
@@ -35,14 +35,14 @@ def check(
     built = load(study)
     _describe(built)
     for line in quantities_in_si(study):
-        _say(line)
+        _print_line(line)
     with screen.status("running the model a few times"):
-        sizes = plausibility(built, _say)
-        cost = estimate(built, _say)
-    _say(cost.conclusion)
+        sizes = plausibility(built, _print_line)
+        cost = estimate(built, _print_line)
+    _print_line(cost.conclusion)
     if plot is not None:
         for figure in sizes.plot(plot):
-            _say(f"drawn: {figure}")
+            _print_line(f"Figure: {figure}")
     if not sizes.questions:
         screen.print(f"[bold green]{study} is in order.[/]")
         return
@@ -51,11 +51,11 @@ def check(
     raise typer.Exit(WRONG_INPUT)
 
 
-def _say(line: str) -> None:
-    """Print a finding at once."""
+def _print_line(line: str) -> None:
+    """Print a finding immediately."""
     screen.print(line, markup=False, soft_wrap=True)
 
 
 def _describe(built: BuiltStudy) -> None:
     for what in (str(built.record), str(built.model), repr(built.space)):
-        _say(what)
+        _print_line(what)

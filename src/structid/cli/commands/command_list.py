@@ -1,4 +1,4 @@
-"""The commands in order. A new one is a file with a function of its name, and a line here."""
+"""The commands in order. A new command is a file with a function of the same name, and a line here."""
 
 from __future__ import annotations
 
@@ -37,4 +37,4 @@ COMMANDS: tuple[Callable[..., None], ...] = (
     new.new,
     doctor.doctor,
 )
-"""A function's name, signature and docstring are the command's name, options and help."""
+"""The name, signature and docstring of a function are the name, options and help text of its command."""

@@ -1,4 +1,4 @@
-"""structid compare: model classes of one measurement."""
+"""structid compare: compare model classes on one measurement."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from structid.cli.screen import NOT_CONVERGED, print_table, screen, stage
 
 
 def compare(
-    folders: Annotated[list[Path], typer.Argument(help="Folders of finished studies of one measurement.")],
-    out: Annotated[Path | None, typer.Option(help="Folder for a page with their predictions side by side.")] = None,
+    folders: Annotated[list[Path], typer.Argument(help="Folders of finished studies of the same measurement.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for a page that compares their predictions.")] = None,
 ) -> None:
-    """Compare model classes of one measurement: evidence, Bayes factors, prediction of left-out stretches."""
+    """Compare model classes on one measurement: evidence, Bayes factors, prediction of held-out segments."""
     from structid.study.compare import compare_studies
 
     comparison, page = compare_studies(folders, out, stage)

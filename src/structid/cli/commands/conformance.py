@@ -1,4 +1,4 @@
-"""structid conformance: thirty checks of a specimen's server."""
+"""structid conformance: thirty checks of a specimen server."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from structid.cli.specimen_secret import SecretFile, secret_of
 
 
 def conformance(
-    address: Annotated[str, typer.Argument(help="Host and port of the server, such as 127.0.0.1:7700.")],
+    address: Annotated[str, typer.Argument(help="Host and port of the server, for example 127.0.0.1:7700.")],
     secret_file: SecretFile = None,
 ) -> None:
-    """Check a specimen's server; the specimen is asked to stay in place, and holds for good afterwards."""
+    """Check a specimen server. The specimen is commanded to stay in place, and holds permanently afterwards."""
     from structid.hybrid.laboratory.conformance import conformance as checked
 
     with screen.status("checking"):

@@ -1,4 +1,4 @@
-"""structid demo: one virtual experiment, two models of the structure, and their comparison."""
+"""structid demo: one virtual experiment, two models of the structure, and a comparison of the models."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from structid.study.run import StudyOutcome
 
 ACTS = {
-    "no_degradation": "The structure loses stiffness while it moves. It is calibrated as if it did not.",
-    "degradation": "The same measurement, and a model that degrades.",
+    "no_degradation": "The structure degrades during the earthquake. The calibrated model does not degrade.",
+    "degradation": "The same measurement is used to calibrate a model that degrades.",
 }
-"""The studies, and their subjects."""
+"""The studies and a description of each."""
 
 _PASSING = partial(stage, passing=True)
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("demo"),
+    out: Annotated[Path, typer.Option(help="Output folder of the demo.")] = Path("demo"),
 ) -> None:
-    """Calibrate a wrong model and a right one to one virtual experiment, and compare them (about two minutes)."""
+    """Calibrate a wrong and a right model to one virtual experiment, and compare them (about two minutes)."""
     from structid.study.compare import compare_outcomes
 
     outcomes = [_act(number, name, out / name) for number, name in enumerate(ACTS, start=1)]
@@ -36,16 +36,16 @@ def demo(
     assert page is not None
     trusted = all(outcome.trusted for outcome in outcomes)
     screen.print(f"\n{comparison.verdict}", style="green" if trusted else "bold red", markup=False, soft_wrap=True)
-    screen.print(f"\nBegin with: {page.resolve()}", style="bold", markup=False, soft_wrap=True)
+    screen.print(f"\nStart with: {page.resolve()}", style="bold", markup=False, soft_wrap=True)
     for outcome in outcomes:
-        screen.print(f"A report:   {outcome.report.resolve()}", markup=False, soft_wrap=True)
-    screen.print("Your own:   structid new my_structure", markup=False)
+        screen.print(f"Report:     {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    screen.print("Your study: structid new my_structure", markup=False)
     if not trusted:
         raise typer.Exit(NOT_CONVERGED)
 
 
 def _act(number: int, name: str, folder: Path) -> StudyOutcome:
-    """Run one of the studies, and summarise its result."""
+    """Run one of the studies and print a summary of its result."""
     from structid.report.page_summary import page_summary
 
     screen.print(f"\n[bold]{number}[/] {ACTS[name]}")

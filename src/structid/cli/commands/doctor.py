@@ -1,4 +1,4 @@
-"""structid doctor: capabilities of this machine and this installation."""
+"""structid doctor: capabilities of this machine and of this installation."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from structid.core.cores import available_cores, cache_folder, cores_to_use
 
 OPTIONAL = {
     "distributed": ("dask", "runs on a Dask cluster"),
-    "umbridge": ("umbridge", "models behind a server"),
+    "umbridge": ("umbridge", "models on a UM-Bridge server"),
     "openseespy": ("opensees", "OpenSees models"),
     "uvicorn": ("live", "the live view of a hybrid test"),
 }
-"""Optional packages, the extra that installs each, and what it adds."""
+"""Optional packages: the extra that installs the package, and the feature that it adds."""
 
 LETTERS = "αβγδζηνψλσ²³⁻ⁿ√±−"
-"""Characters that figures and tables use."""
+"""Special characters in figures and tables."""
 
 
 def doctor() -> None:
-    """Show what is available here: versions, cores, engine, caches, fonts, optional packages."""
+    """Show the versions, cores, engine, caches, font and optional packages of this installation."""
     lines = {
         "structid": f"{version('structid')}, Python {platform.python_version()}",
-        "cores": f"{cores_to_use()} used of {available_cores()} (JAX_NUM_CPU_DEVICES sets another number)",
+        "cores": f"{cores_to_use()} of {available_cores()} used (set another number with JAX_NUM_CPU_DEVICES)",
         "engine": _engine(),
         "derivatives": _jax(),
         "caches": ", ".join(_cache(name) for name in ("lanes", "jax")),
@@ -41,8 +41,8 @@ def _engine() -> str:
     from structid.engine.lanes.machine import lanes, processor, why_not
 
     if why_not():
-        return f"JAX runs loops over time, several times slower than compiled lanes would: {why_not()}"
-    return f"compiled lanes, {lanes()} runs in a block, by LLVM for {processor()}"
+        return f"JAX computes the time loops, several times slower than compiled vector code: {why_not()}"
+    return f"vector code compiled by LLVM for {processor()}, {lanes()} runs computed together"
 
 
 def _jax() -> str:
@@ -58,7 +58,7 @@ def _cache(name: str) -> str:
     note = (
         ""
         if there.is_dir() and os.access(there, os.W_OK)
-        else " cannot be written: everything is compiled anew in each process"
+        else " is not writable: every process compiles everything again"
     )
     return f"{_short(folder)}{note}"
 
@@ -68,7 +68,7 @@ def _short(folder: Path) -> str:
 
 
 def _font() -> str:
-    """The font of figures, and the characters that it lacks."""
+    """The font of figures, and the special characters that the font lacks."""
     from matplotlib import font_manager
 
     path = font_manager.findfont(font_manager.FontProperties(family=["sans-serif"]))

@@ -1,4 +1,4 @@
-"""structid hybrid: a programme of hybrid tests from its file to its report."""
+"""structid hybrid: a programme of hybrid tests, from the study file to the report."""
 
 from __future__ import annotations
 
@@ -19,27 +19,25 @@ if TYPE_CHECKING:
 
 
 def hybrid(
-    study: Annotated[Path, typer.Argument(help="The file of the programme (TOML).")],
-    out: Annotated[Path | None, typer.Option(help="Folder for everything it makes.")] = None,
+    study: Annotated[Path, typer.Argument(help="The programme file (TOML).")],
+    out: Annotated[Path | None, typer.Option(help="Output folder.")] = None,
     specimen: Annotated[
         str,
         typer.Option(
-            help="HOST:PORT of the specimen's server, or openfresco://HOST:PORT; the file's simulated one when left out."
+            help="HOST:PORT of the specimen server, or openfresco://HOST:PORT; default: the simulated specimen."
         ),
     ] = "",
     secret_file: SecretFile = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue with what is in that folder, if it is simulated.")
+        bool, typer.Option("--resume", help="Continue from the results in that folder; simulated specimens only.")
     ] = False,
-    show: Annotated[
-        bool, typer.Option("--live", help="Serve a page on this machine that shows the tests while they run.")
-    ] = False,
-    live_port: Annotated[int, typer.Option(help="Port of that page.", min=1, max=65535)] = 8765,
+    show: Annotated[bool, typer.Option("--live", help="Serve a local web page that shows the running tests.")] = False,
+    live_port: Annotated[int, typer.Option(help="Port of the live page.", min=1, max=65535)] = 8765,
     only_check: Annotated[
-        bool, typer.Option("--check", help="Say what can work and what cannot; nothing moves.")
+        bool, typer.Option("--check", help="Report which tests are feasible; no specimen moves.")
     ] = False,
 ) -> None:
-    """Run a programme of hybrid tests: checks, tests on one specimen, learning, report."""
+    """Run a programme of hybrid tests: checks, tests on one specimen, parameter learning, report."""
     from structid.study.echo import quantities_in_si
     from structid.study.programmes.run_programme import check_programme, run_programme
 
@@ -48,7 +46,7 @@ def hybrid(
         print_checks(check_programme(study, specimen, secret), quantities_in_si(study))
         return
     if out is None:
-        raise typer.BadParameter("it is missing", param_hint="--out")
+        raise typer.BadParameter("the output folder is missing", param_hint="--out")
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     try:
         with _live(out, live_port) if show else nullcontext():
@@ -80,31 +78,31 @@ def _live(out: Path, port: int) -> Iterator[None]:
 
 
 def print_checks(checks: dict[str, Feasibility], quantities: Sequence[str]) -> None:
-    """Say what is known of every test before anything moves; leave with an exit code where one cannot work.
+    """Print the feasibility of every test before anything moves; exit with an error code if a test is infeasible.
 
     Parameters
     ----------
     checks : dict of str to Feasibility
-        By the names of the tests.
+        Feasibility by name of the test.
     quantities : sequence of str
-        What the file was understood to say, a line each.
+        Quantities of the file in SI units, one line per quantity.
     """
     for line in quantities:
         screen.print(line, markup=False, soft_wrap=True)
     for name, feasibility in checks.items():
         screen.print(f"\n[bold]test {name}[/]")
         screen.print(str(feasibility), markup=False, soft_wrap=True)
-    if not all(each.can_work for each in checks.values()):
+    if not all(feasibility.can_work for feasibility in checks.values()):
         raise typer.Exit(WRONG_INPUT)
 
 
 def finish_programme(outcome: ProgrammeOutcome) -> None:
-    """Say what a programme has found. The exit code says whether it came to its end, and whether to believe what was learnt.
+    """Print the results of a programme; the exit code shows whether it finished and whether its result can be trusted.
 
     Parameters
     ----------
     outcome : ProgrammeOutcome
-        Of the programme.
+        Outcome of the programme.
     """
     screen.print()
     screen.print(str(outcome.programme), markup=False, soft_wrap=True)

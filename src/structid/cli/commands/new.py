@@ -1,4 +1,4 @@
-"""structid new: a template of a study file."""
+"""structid new: a new study file from a template."""
 
 from __future__ import annotations
 
@@ -14,27 +14,25 @@ from structid.study.packaged import SOLVERS, TEMPLATES, template
 
 def new(
     name: Annotated[str, typer.Argument(help="Name of the study; NAME.toml is written here.")],
-    like: Annotated[
-        str, typer.Option(help=f"Which packaged study to start from: {', '.join(TEMPLATES)}.")
-    ] = "measured",
+    like: Annotated[str, typer.Option(help=f"Packaged study to copy: {', '.join(TEMPLATES)}.")] = "measured",
 ) -> None:
     """Write a study file from a template."""
     check_choice("--like", like, TEMPLATES)
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.exists():
-        raise InputError(f"{path}", "it exists already", "a new name", "Choose another name, or remove the file.")
+        raise InputError(f"{path}", "the file already exists", "a new name", "Choose another name or remove the file.")
     if not path.parent.is_dir():
         raise InputError(
-            f"{path}", f"there is no folder '{path.parent}'", "a name in a folder that exists", "Make the folder first."
+            f"{path}", f"the folder '{path.parent}' does not exist", "an existing folder", "Create the folder first."
         )
     solver = SOLVERS.get(like)
     if solver is not None and (path.parent / solver).exists():
         raise InputError(
-            f"{path.parent / solver}", "it exists already", "a folder without it", "Choose another folder."
+            f"{path.parent / solver}", "the file already exists", "a folder without it", "Choose another folder."
         )
     text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
     path.write_text(text, encoding="utf-8")
     if solver is not None:
         (path.parent / solver).write_text(template(solver), encoding="utf-8")
-        screen.print(f"Wrote {path.parent / solver}, a solver to put yours in place of.")
-    screen.print(f"Wrote {path}. Edit it, then: structid check {path}")
+        screen.print(f"Wrote {path.parent / solver}, an example solver. Replace it with yours.")
+    screen.print(f"Wrote {path}. Edit it, then run: structid check {path}")

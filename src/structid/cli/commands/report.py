@@ -1,4 +1,4 @@
-"""structid report: write the page again from stored results."""
+"""structid report: rewrite the report from stored results."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from structid.cli.screen import finish, stage
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="A folder that structid run or structid hybrid has filled.")],
+    folder: Annotated[Path, typer.Argument(help="Output folder of structid run or structid hybrid.")],
 ) -> None:
-    """Write the report again from stored results."""
+    """Rewrite the report from stored results."""
     from structid.study.folder_layout import STUDY
     from structid.study.programmes.programme_file import is_programme
     from structid.study.programmes.run_programme import programme_report_again

@@ -1,4 +1,4 @@
-"""structid run: a study from its file to its report."""
+"""structid run: a study, from the study file to the report."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def run(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for everything it makes; the file's name without ending where it is left out."),
+        typer.Option(help="Output folder; default: the name of the study file without its extension."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue with what is in that folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the results in that folder.")] = False,
     executor: Annotated[
         str,
         typer.Option(
-            help="Where an external solver's runs are done: serial, processes, processes:4, tcp://scheduler:8786."
+            help="Executor for the runs of an external solver: serial, processes, processes:4, tcp://scheduler:8786."
         ),
     ] = "serial",
     retry: Annotated[
-        bool, typer.Option("--retry", help="Repeat what failed, timed out or diverged; implies --resume.")
+        bool, typer.Option("--retry", help="Repeat runs that failed, timed out or diverged; implies --resume.")
     ] = False,
     adopt: Annotated[
         bool,
@@ -59,20 +59,20 @@ def worked_on_screen(
     study : Path
         The study file.
     out : Path
-        Folder for everything it makes.
+        Output folder.
     resume : bool
-        Continue with what is in that folder.
+        Continue from the results in the output folder.
     executor : str
-        Where an external solver's runs are done.
+        Executor for the runs of an external solver.
     retry, adopt : bool
         See `run`.
     shown : callable
-        Opens a progress bar.
+        Context manager that opens a progress bar.
 
     Returns
     -------
     StudyOutcome
-        What came out.
+        Outcome of the study.
     """
     from structid.study.plausibility import plausibility
     from structid.study.programmes.programme_file import is_programme
@@ -85,11 +85,11 @@ def worked_on_screen(
         )
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     built = load(study)
-    if built.model.batched and not resume:  # one run; a solver's is left to structid check
+    if built.model.batched and not resume:  # one cheap run; an external solver is run by structid check only
         for question in plausibility(built).questions:
             screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
     try:
         return run_study(study, out, resume, shown, executor, retry, adopt, built)
     except KeyboardInterrupt:
-        errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
+        errors.print("\nStopped. Finished results are on disk; rerun with --resume to continue.", style="yellow")
         raise typer.Exit(FAILED) from None

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled, or a file of runs.")],
-    failed: Annotated[bool, typer.Option("--failed", help="Show every run that failed, with its parameters.")] = False,
+    folder: Annotated[Path, typer.Argument(help="Output folder of structid run, or a file of runs.")],
+    failed: Annotated[bool, typer.Option("--failed", help="Show every failed run with its parameters.")] = False,
     whole: Annotated[
-        bool, typer.Option("--whole", help="Show all that the solver last said, not only its last line.")
+        bool, typer.Option("--whole", help="Show the whole error message of the solver, not only its last line.")
     ] = False,
 ) -> None:
-    """Show the state of a study's model runs: counts, failures by reason, rates."""
+    """Show the state of a study's model runs: counts, reasons of failures, rates."""
     from structid.campaign.store import open_runs
     from structid.study.cost import duration
 
@@ -32,9 +32,9 @@ def runs(
     if seconds.size:
         median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
         total = duration(seconds.sum())
-        screen.print(f"  {median:.3g} s a run (median), {longest:.3g} s at most, {total} of solver time in all")
+        screen.print(f"  {median:.3g} s per run (median), {longest:.3g} s at most, {total} of solver time in total")
     if stored.rate > 0:
-        screen.print(f"  {stored.rate:.3g} runs/s over the last {min(100, len(stored))}")
+        screen.print(f"  {stored.rate:.3g} runs/s over the last {min(100, len(stored))} runs")
     if failed:
         _list_failed(stored, whole)
 

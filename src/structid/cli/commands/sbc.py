@@ -12,12 +12,12 @@ from structid.cli.screen import NOT_CONVERGED, screen, stage
 
 def sbc(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
-    replicas: Annotated[int, typer.Option(help="Measurements to simulate and calibrate to.")] = 200,
-    out: Annotated[Path | None, typer.Option(help="Folder for the figure, and for the runs of a surrogate.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed; the study's when left out.")] = None,
-    executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
+    replicas: Annotated[int, typer.Option(help="Number of simulated measurements.")] = 200,
+    out: Annotated[Path | None, typer.Option(help="Folder for the figure and a surrogate's training runs.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed; default: the seed of the study.")] = None,
+    executor: Annotated[str, typer.Option(help="Executor for the runs of an external solver.")] = "serial",
 ) -> None:
-    """Check a study by simulation: whether its intervals have their nominal coverage."""
+    """Check by simulation whether the credible intervals of a study have their nominal coverage."""
     from structid.study.simulated_replicas import check_by_simulation
 
     ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)

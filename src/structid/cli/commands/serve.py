@@ -1,4 +1,4 @@
-"""structid serve: a study's model and posterior over UM-Bridge."""
+"""structid serve: serve the model and the posterior of a study over UM-Bridge."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from structid.cli.screen import screen
 
 def serve(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
-    port: Annotated[int, typer.Option(help="Where to listen.", min=1, max=65535)] = 4242,
+    port: Annotated[int, typer.Option(help="Port to listen on.", min=1, max=65535)] = 4242,
     host: Annotated[
-        str, typer.Option(help="Address to listen at; 0.0.0.0 is every network, without a password.")
+        str, typer.Option(help="Address to listen on; 0.0.0.0 accepts every network, without a password.")
     ] = "127.0.0.1",
 ) -> None:
-    """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
+    """Serve the model and the posterior of a study over UM-Bridge (HTTP)."""
     from structid.models.external.um_bridge import check_address, is_this_machine
     from structid.models.external.um_bridge import serve as serve_models
     from structid.study.run import load
@@ -27,7 +27,7 @@ def serve(
     models = offered(load(study))
     if not is_this_machine(host):
         screen.print(
-            f"Whoever reaches {host}:{port} can run the model here: there is no password. --host 127.0.0.1 is this machine alone.",
+            f"There is no password: anyone who reaches {host}:{port} can run the model. Use --host 127.0.0.1 to prevent this.",
             style="bold red",
         )
     screen.print(f"Serving {', '.join(m.name for m in models)} at http://{host}:{port} (Ctrl-C stops)")

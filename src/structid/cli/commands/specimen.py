@@ -1,4 +1,4 @@
-"""structid specimen: a simulated specimen in a separate process."""
+"""structid specimen: serve a simulated specimen from a separate process."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from structid.cli.specimen_secret import SecretFile, secret_of
 
 
 def specimen(
-    study: Annotated[Path, typer.Argument(help="The file of the programme (TOML), with the specimen in it.")],
+    study: Annotated[Path, typer.Argument(help="The programme file (TOML), which describes the specimen.")],
     secret_file: SecretFile = None,
-    port: Annotated[int, typer.Option(help="Where to listen; 0 takes a free one.", min=0, max=65535)] = 7700,
-    host: Annotated[str, typer.Option(help="Address to listen at; 127.0.0.1 is this machine alone.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 selects a free port.", min=0, max=65535)] = 7700,
+    host: Annotated[str, typer.Option(help="Address to listen on; 127.0.0.1 is this machine only.")] = "127.0.0.1",
     hold: Annotated[
-        bool, typer.Option("--hold", help="Hold after a test, as a structure does, and do not unload for the next one.")
+        bool, typer.Option("--hold", help="Hold position after a test; do not unload the specimen for the next test.")
     ] = False,
 ) -> None:
     """Serve the simulated specimen of a programme to hybrid tests (Ctrl-C stops)."""
@@ -31,12 +31,12 @@ def specimen(
         host=host,
         port=port,
         releases=not hold,
-        log=lambda said: screen.print(said, markup=False, soft_wrap=True),
+        log=lambda line: screen.print(line, markup=False, soft_wrap=True),
     )
     if host not in ("127.0.0.1", "localhost", "::1"):
         screen.print(
-            f"Whoever knows the secret can move this specimen from any machine that reaches {host}. Messages are signed, "
-            "not hidden.",
+            f"Anyone with the secret can move this specimen from any machine that reaches {host}. Messages are signed, "
+            "not encrypted.",
             style="bold red",
             soft_wrap=True,
         )

@@ -1,1 +1,1 @@
-"""Compiled lanes: many runs of one loop over time on a CPU, one run in each lane of a vector."""
+"""Compiled vector code: many runs of one loop over time on a CPU, one run in each lane of a SIMD vector."""

@@ -1,6 +1,6 @@
-"""Work on all cores by plain threads, since compiled code releases Python's lock.
+"""Parallel work on all cores with threads, which is possible because compiled code releases Python's global lock.
 
-The threads belong to one process. A forked process has none of them and starts its own.
+The threads belong to one process. A forked process starts its own threads.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[], None], parts: int) -> None:
-    """Let every core take parts of the work until none is left."""
+    """Let every core take parts of the work until no part is left."""
     cores = cores_to_use()
     others = [_threads(cores - 1).submit(work) for _ in range(min(cores, parts) - 1)]
     work()
     for other in others:
-        # What has not begun has nothing left to do.
+        # A thread that has not started yet has no work left.
         if not other.cancel():
             other.result()

@@ -1,4 +1,4 @@
-"""A density and its gradient in compiled lanes, for samplers inside JAX."""
+"""A density and its gradient in compiled vector code, for samplers inside JAX."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from structid.engine.slopes import with_slopes
 def differentiable_in_lanes(
     density: Callable[..., Any], parameters: int, constants: tuple[Any, ...]
 ) -> Callable[[Any], Any] | None:
-    """Compile a density together with its gradient where lanes support it.
+    """Compile a density and its gradient to vector code where this is possible.
 
-    Derivatives are propagated forward along all parameters at once, since parameters are few and histories long. What the
-    directions share, such as the matrix of an equilibrium, is computed once.
+    Derivatives are propagated forward along all parameters at once, since parameters are few and histories long. Terms common
+    to all directions, such as the matrix of an equilibrium, are computed once.
     """
 
     def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""A JAX function of many runs, compiled to lanes where possible and run by JAX elsewhere."""
+"""A JAX function of many runs, compiled to vector code with one run per lane if possible, and otherwise run by JAX."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from structid.engine.vector_code.primitives import UntranslatableError
 from structid.engine.vector_code.values import History
 
 KEPT = 8
-"""Sets of constants for which a compiled function is kept."""
+"""Maximum number of sets of constants for which a compiled function is kept."""
 
 NUMBERS_IN_A_LINE = 8
 """Doubles in a cache line of 64 bytes."""
 
 OF_ANOTHER_JAX = (KeyError, AttributeError)
-"""Errors that occur where another JAX version lists operations differently; such a loop is left to JAX."""
+"""Errors that occur if another JAX version represents operations differently; JAX then runs the loop."""
 
 _log = logging.getLogger(__name__)
 
 
 class InLanes:
-    """Compile a function of arrays with a leading run axis to lanes; the counterpart of `device.over_runs`.
+    """Compile a function of arrays with a leading run axis to vector code; the counterpart of `device.over_runs`.
 
-    The function is traced for one run, and its jaxpr is written as vector code. JAX runs the function where an operation has no
-    vector code, or where nothing can be compiled.
+    The function is traced for one run, and its jaxpr is translated to vector code. JAX runs the function if an operation has no
+    vector code, or if no compiler is available.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class InLanes:
         self.why_not = why_not()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A process that is sent a model compiles it for itself, or finds what this one compiled on disk.
+        # A process that receives a model compiles it, or loads the code that this process stored on disk.
         return InLanes, (self._function, self._run_axes, self._shard, self._one_array)
 
     def __call__(
@@ -72,7 +72,7 @@ class InLanes:
         return self._jax_of_rows(theta.shape[1], signals.shape)(rows, *constants)
 
     def _jax_of_rows(self, parameters: int, shape: tuple[int, int]) -> Callable[..., Any]:
-        """The JAX version of the function, on rows with the parameters and then the signals of a run."""
+        """Return the JAX version of the function; each row has the parameters and then the signals of a run."""
         if (parameters, shape) not in self._by_jax_with_signals:
 
             def function(rows: Any, *constants: Any) -> Any:
@@ -94,9 +94,9 @@ class InLanes:
         except (UntranslatableError, *OF_ANOTHER_JAX) as cause:
             translatable = isinstance(cause, UntranslatableError)
             self.why_not = (
-                str(cause) if translatable else f"JAX {jax.__version__} lists operations in another way ({cause!r})"
+                str(cause) if translatable else f"JAX {jax.__version__} represents operations differently ({cause!r})"
             )
-            _log.info("JAX runs %s, since lanes cannot: %s", self._function, cause)
+            _log.info("JAX runs %s, since no vector code is possible: %s", self._function, cause)
             return None
 
     def _kept(self, parameters: int, constants: Any, signals: tuple[int, int] | None) -> _Bound:
@@ -105,7 +105,7 @@ class InLanes:
         if key not in self._bound:
             if len(self._bound) >= KEPT:
                 self._bound.pop(next(iter(self._bound)))
-            # The leaves are kept, so that no other array gets their identity.
+            # The leaves are kept, so that no other array gets the same id.
             bound = _Bound(self._function, self._run_axes, parameters, constants, signals, self._one_array)
             self._bound[key] = leaves, bound
         leaves, result = self._bound[key]
@@ -125,7 +125,7 @@ class _Bound:
         one_array: bool,
     ) -> None:
         shapes_of_one = [(1, parameters)] if signals is None else [(1, parameters), (*signals, 1)]
-        shapes_of_one += [constants[0].shape] if one_array else []  # nothing is computed from the array beforehand
+        shapes_of_one += [constants[0].shape] if one_array else []  # no constant may depend on it
         others = () if one_array else constants
         with row_by_row():
             traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *others), return_shape=True)(
@@ -142,7 +142,7 @@ class _Bound:
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> _Bound:
-        """Return the same function with another array in place of a constant."""
+        """Return a copy of the function in which another array replaces a constant."""
         result = copy.copy(self)
         result.kernel = self.kernel.with_array(old, new)
         return result
@@ -156,7 +156,7 @@ class _Bound:
         shapes = [jax.ShapeDtypeStruct((theta.shape[0], *o.shape), o.kind) for o in self._outputs]
 
         def on_host(theta: Any, foreign: Any) -> list[np.ndarray]:
-            # Where JAX maps the call over an axis, here it comes first.
+            # If JAX maps the call over an axis, this axis comes first here.
             theta, foreign = np.asarray(theta), np.asarray(foreign)
             rows = theta.reshape(-1, theta.shape[-1])
             numbers = np.moveaxis(foreign, -2, 0).reshape(foreign.shape[-2], len(rows))
@@ -164,7 +164,7 @@ class _Bound:
             first = [np.moveaxis(x, o.axis, 0) for x, o in zip(result, self._outputs, strict=True)]
             return [x.reshape(*theta.shape[:-1], *x.shape[1:]) for x in first]
 
-        # What runs need of JAX comes before the call: JAX within it would wait for the program that waits for the call.
+        # All JAX computations precede the call. JAX inside the call would wait for a program that waits for the call.
         return jax.tree.unflatten(
             self._tree, jax.pure_callback(on_host, shapes, theta, foreign, vmap_method="broadcast_all")
         )
@@ -188,16 +188,16 @@ class _Bound:
 
 
 def _row_length(runs: int) -> int:
-    """Length in memory of a row of one number per run.
+    """Return the length in memory of a row with one number per run.
 
-    It is an odd number of cache lines: rows at distances of a power of two would evict each other from the cache.
+    The length is an odd number of cache lines, because rows at power-of-two distances would evict each other from the cache.
     """
     lines = -(-runs // NUMBERS_IN_A_LINE)
     return NUMBERS_IN_A_LINE * (lines + 1 - lines % 2)
 
 
 def _empty(rows: int, length: int) -> np.ndarray:
-    """Rows that begin at a cache line, so that no two blocks write to the same line."""
+    """Return rows that start at a cache line, so that different blocks never write to the same line."""
     memory = np.empty(rows * length + NUMBERS_IN_A_LINE)
     first = -memory.ctypes.data // memory.itemsize % NUMBERS_IN_A_LINE
     return memory[first : first + rows * length].reshape(rows, length)
@@ -215,11 +215,11 @@ class _Output:
 
     @property
     def kind(self) -> type:
-        """Data type of its numbers."""
+        """Data type of the array."""
         return bool if self.truths else float
 
     def taken_from(self, buffers: tuple[np.ndarray, np.ndarray], count: int) -> np.ndarray:
-        """Read the array of a number of runs from the buffers."""
+        """Read the array for a given number of runs from the buffers."""
         rows = buffers[self.buffer][self.first : self.first + math.prod(self.shape), :count]
         result = rows[0] if not self.shape else rows.reshape(*self.shape, count)
         if self.axis != len(self.shape):
@@ -228,7 +228,7 @@ class _Output:
 
 
 def _outputs(kernel: Kernel, leaves: list[Any], axes: list[int]) -> list[_Output]:
-    """Locations of the returned arrays; `leaves` are those of one run, `axes` the run axis of each."""
+    """Return the locations of the returned arrays; `leaves` are the arrays of one run, `axes` their run axes."""
     result, row = [], 0
     for output, leaf, axis in zip(kernel.outputs, leaves, axes, strict=True):
         shape = tuple(n for i, n in enumerate(leaf.shape) if i != axis)

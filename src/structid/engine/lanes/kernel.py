@@ -1,4 +1,4 @@
-"""The LLVM text of a compiled function of many runs: blocks of lanes outside, the function of one run inside."""
+"""LLVM text of a compiled function of many runs: an outer loop over blocks of runs, and inside it the function of one run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from structid.engine.vector_code.operations import Function
 from structid.engine.vector_code.registers import Number, Register
 from structid.engine.vector_code.translation import LARGEST_ROW, Translator
-from structid.engine.vector_code.values import SIGNALS, History, InMemory, Value
+from structid.engine.vector_code.values import SIGNALS, History, InThreadMemory, Value
 from structid.engine.vector_code.vector_code import VectorCode
 
 ENTRY = "run_blocks"
@@ -24,12 +24,12 @@ SIGNATURE = (
 )
 """Arguments of the compiled function.
 
-In arguments, results and histories the runs come last, `stride` of them; signals have the block first and the lane last.
-Threads take blocks from one counter."""
+In arguments, results and histories the run axis comes last, with length `stride`. Signals have the block first and the lane last.
+Threads take blocks from a common counter."""
 
 LINE_OF_CACHE = 64
-"""Bytes of a cache line. Spilled registers are aligned to it: otherwise three in four stacks would make each load and store
-touch two lines."""
+"""Size of a cache line [byte]. Spilled registers are aligned to it. Otherwise three in four stacks would make each load and
+store touch two lines."""
 
 LARGEST_STACK = 1 << 17
 """Largest number of doubles for histories on a thread's stack: one megabyte."""
@@ -42,7 +42,7 @@ class Kernel:
     text: str  # LLVM text
     width: int  # runs in a block
     shared: np.ndarray  # numbers that all runs share
-    # Where each output is: a history, or rows of the results one after the other
+    # Location of each output: a history, or consecutive rows of the results
     outputs: tuple[History | tuple[int, ...], ...]
     taken: int  # rows of the arguments
     rows: int  # rows of the results
@@ -50,16 +50,16 @@ class Kernel:
     arrays: dict[bytes, int]  # position of each long array among the shared numbers
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
-        """Replace the only long array by another of the same shape."""
+        """Replace the only long array by another array of the same shape."""
         [(held, first)] = self.arrays.items()
-        assert held == old.tobytes(), "the array is in the table as it is"
+        assert held == old.tobytes(), "the table contains the array unchanged"
         shared = self.shared.copy()
         shared[first : first + new.size] = new.reshape(-1)
         return replace(self, shared=shared)
 
 
 def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
-    """Write a function of one run as a function of many."""
+    """Write a function of one run as a function of many runs."""
     code = VectorCode(width)
     translator = Translator(code)
     theta, *signals = (v.aval for v in function.invars)
@@ -100,7 +100,7 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
         memory = _Memory(translator, {output.number for output in outputs if isinstance(output, History)})
         signals_of_a_run = sum(math.prod(aval.shape) for aval in signals)
         code.lines[beginning:beginning] = memory.of_block(block, column, signals_of_a_run)
-    places = memory.entry  # what it loads comes before it
+    places = memory.entry  # must be evaluated first, because it adds loads to `code.entry`
     body = "\n".join([*code.entry, *places, *code.lines])
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
     result = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
@@ -110,7 +110,7 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
 
 def _in_memory(
     code: VectorCode, shape: tuple[int, ...], first: int, column: str, length: Callable[[int], str]
-) -> InMemory:
+) -> InThreadMemory:
     """Copy rows of the arguments to contiguous memory of this thread."""
     size = math.prod(shape)
     slot = code.slot(lanes=True, count=size)
@@ -118,11 +118,11 @@ def _in_memory(
         row = code.whole("mul", "%stride", code.whole("add", at, first))
         number = code.load(code.address("%arguments", code.whole("add", row, column)), lanes=True)
         code.store(number, code.address(slot, at, lanes=True), lanes=True)
-    return InMemory(slot, shape)
+    return InThreadMemory(slot, shape)
 
 
 class _Memory:
-    """Where histories are stored: returned ones in a buffer, others on the stack of the thread that computes a block."""
+    """Memory of histories: returned histories in a buffer, others on the stack of the thread that computes a block."""
 
     def __init__(self, translator: Translator, returned: set[int]) -> None:
         self._translator, self.rows = translator, 0

@@ -1,7 +1,7 @@
-"""Compilation of LLVM text to a function of this machine, with a cache on disk.
+"""Compilation of LLVM text to a function for this machine, with a cache on disk.
 
-LLVM comes with llvmlite, Numba's binding to Python; no compiler need be installed. Where llvmlite is missing, `why_not` gives the
-reason and loops are left to JAX.
+LLVM comes with llvmlite, Numba's Python binding, so no compiler is needed. If llvmlite is missing, JAX runs the loops, and
+`why_not` returns the reason.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from pathlib import Path
 from structid.core.cores import cache_folder
 
 ARITHMETIC = 1
-"""Version of the arithmetic of compiled loops, to the last digit."""
+"""Version of the arithmetic of compiled loops; it changes if any last digit of a result changes."""
 
 LEAST_LLVM = 20
-"""Oldest LLVM that reads the output of `vector_code`."""
+"""Oldest LLVM version that can read the output of `vector_code`."""
 
 _POINTERS, _WHOLE_NUMBERS = 6, 2
-"""Types of a kernel's arguments; see `kernel.SIGNATURE`."""
+"""Numbers of pointer and integer arguments of a kernel; see `kernel.SIGNATURE`."""
 
 _lock = threading.Lock()
 
@@ -41,14 +41,14 @@ os.register_at_fork(after_in_child=_forget)
 
 @functools.cache
 def why_not() -> str:
-    """Return the reason why nothing can be compiled here, or an empty string."""
+    """Return the reason why compilation is impossible here, or an empty string."""
     if os.environ.get("STRUCTID_ENGINE") == "jax":
         return "STRUCTID_ENGINE=jax"
     try:
         import llvmlite.binding as llvm
 
         if llvm.llvm_version_info[0] < LEAST_LLVM:
-            return f"llvmlite with LLVM {llvm.llvm_version_info[0]}, and LLVM {LEAST_LLVM} or later is needed"
+            return f"llvmlite has LLVM {llvm.llvm_version_info[0]}, but LLVM {LEAST_LLVM} or later is needed"
         _machine()
     except (ImportError, OSError, RuntimeError) as cause:
         return f"llvmlite cannot be used ({cause})"
@@ -56,7 +56,7 @@ def why_not() -> str:
 
 
 def levels(text: str) -> tuple[int, int]:
-    """Optimisation levels of LLVM's passes and of its code generation."""
+    """Return the optimisation levels of LLVM's passes and of its code generation."""
     return 2, 3
 
 
@@ -75,8 +75,8 @@ class _Machine:
         self.wide = "+avx512f" in features
         self.features = features
         self.identity = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}, {self.processor}, {features}"
-        # JITLink keeps code and its constants side by side. The older linker may put them further apart than code can reach, in a
-        # process with little room left between its other libraries.
+        # JITLink keeps code and its constants close together. In a process with little free space between its libraries, the older
+        # linker may place them too far apart.
         self.linker = llvm.create_lljit_compiler(use_jit_link=True)
         self.loaded: dict[str, Callable[..., None]] = {}
 
@@ -90,7 +90,7 @@ class _Machine:
         module.verify()
         module.triple, module.data_layout = target.triple, str(target.target_data)
         options = self.llvm.create_pipeline_tuning_options(speed_level=passes_level)
-        # The code is in vectors and in the loops that it should be in.
+        # The code already has its final vectors and loops.
         options.loop_unrolling = options.loop_vectorization = options.slp_vectorization = False
         passes = self.llvm.create_pass_builder(target, options)
         passes.getModulePassManager().run(module, passes)
@@ -102,7 +102,7 @@ class _Machine:
         linked = library.link(self.linker, name)
         signature = [ctypes.c_void_p] * _POINTERS + [ctypes.c_int64] * _WHOLE_NUMBERS
         result = ctypes.CFUNCTYPE(None, *signature)(linked[function])
-        # The code is there for as long as its library is.
+        # The code exists as long as its library.
         result.library = linked  # type: ignore[attr-defined]
         return result
 
@@ -113,32 +113,32 @@ def _machine() -> _Machine:
 
 
 def engine() -> str:
-    """Name of the engine that runs loops over time here, for stores: engines differ in the last digits."""
+    """Return the name of the engine that runs loops over time here. Stores record it: engines differ in the last digits."""
     return "jax" if why_not() else f"lanes {ARITHMETIC}"
 
 
 LARGEST_DOUBLE_STATE = 11
-"""Largest state for which each number has two registers. Measured: the 11 numbers of a NARX recursion take two thirds of the
-time with two registers each; the 12 of a four-storey frame take a fifth more, the 24 of an eight-storey frame a third more."""
+"""Largest state, in numbers, for which each number has two registers. Measured effect of two registers on the computing time:
+NARX recursion (11 numbers) −1/3, four-storey frame (12 numbers) +1/5, eight-storey frame (24 numbers) +1/3."""
 
 
 def lanes(state: int = 1) -> int:
-    """Number of runs in a block.
+    """Return the number of runs in a block.
 
-    Two vector registers for each number, so that a core need not wait for one operation before it starts the next. A larger state
-    has one register for each number, since twice as many would spill to memory.
+    Each number has two vector registers, so that a core can start an operation before the previous one ends. In a larger state
+    each number has one register, since twice as many registers would spill to memory.
     """
     in_a_register = 8 if _machine().wide else 4
     return in_a_register * (2 if state <= LARGEST_DOUBLE_STATE else 1)
 
 
 def processor() -> str:
-    """Name of the processor for which code is compiled."""
+    """Return the name of the processor for which code is compiled."""
     return _machine().processor
 
 
 def load(text: str, function: str) -> Callable[..., None]:
-    """Compile a function, or reuse it from memory or disk."""
+    """Compile a function, or reuse its compiled code from memory or disk."""
     with _lock:
         machine = _machine()
         name = hashlib.sha256(f"{machine.identity}, {levels(text)}\n{text}".encode()).hexdigest()[:32]
@@ -155,12 +155,12 @@ def _file(name: str) -> Path:
 
 
 def _code(machine: _Machine, text: str, name: str) -> bytes:
-    """Object code of a text, from disk if it was compiled before."""
+    """Return the object code of a text, from disk if it was compiled before."""
     return _from_disk(name) or _kept(name, machine.object_code(text))
 
 
 def _from_disk(name: str) -> bytes | None:
-    """Read object code; None where there is none or the file is damaged."""
+    """Read object code; return None if there is none or the file is damaged."""
     try:
         stored = _file(name).read_bytes()
     except OSError:
@@ -170,7 +170,7 @@ def _from_disk(name: str) -> bytes | None:
 
 
 def _kept(name: str, code: bytes) -> bytes:
-    """Store object code for the next process, completely or not at all."""
+    """Store object code for later processes, completely or not at all."""
     file = _file(name)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

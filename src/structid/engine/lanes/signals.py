@@ -1,4 +1,4 @@
-"""Signals that differ between the runs of a batch, such as measurements, laid out for loops over time."""
+"""Signals that differ between the runs of a batch, such as measurements, arranged for loops over time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class Signals:
 
     values: Float[np.ndarray, "set time signal"]  # The signals
     set_of_run: Int[np.ndarray, " run"] | None = (
-        None  # index of the signals of each run; by default each run has its own
+        None  # index of the signals of each run; by default each run has its own signals
     )
     _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of samples and of signals."""
+        """Number of samples and number of signals."""
         _, samples, signals = self.values.shape
         return samples, signals
 
@@ -30,7 +30,7 @@ class Signals:
         return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
     def in_blocks(self, width: int) -> Float[np.ndarray, "block time signal lane"]:
-        """Arrange the runs of a block next to each other, so that a block reads its samples in sequence."""
+        """Place the runs of a block next to each other, so that the block reads its samples in sequence."""
         if width not in self._in_blocks:
             sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
             filled = np.pad(sets, (0, -len(sets) % width), mode="edge")

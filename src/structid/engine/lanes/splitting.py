@@ -1,4 +1,4 @@
-"""Division of a function between JAX and lanes: JAX first computes what has no vector code, such as the modes of a matrix."""
+"""Division of a function between JAX and vector code: JAX first computes operations without vector code, such as modes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from structid.engine.vector_code.translation import ALONG_HISTORIES
 from structid.engine.vector_code.values import MOVES
 
 LARGEST = 256
-"""Largest array of one run on which vector code operates number by number; JAX computes products of larger ones."""
+"""Largest array of one run on which vector code operates number by number; JAX computes products of larger arrays."""
 
 AT_ONCE = (8, 16, 32, 64, 256)
-"""Runs in one call of JAX: few shapes are compiled, and matrices of more runs would leave the caches."""
+"""Numbers of runs in one call of JAX. Few shapes limit compilation; the matrices of more runs would exceed the caches."""
 
 
 def foreign_results(function: Function) -> list[Any]:
-    """Find results that depend on a run's numbers and have no vector code."""
+    """Find results that depend on the numbers of a run and have no vector code."""
     of_run: set[Any] = set(function.invars)
     after_loop: set[Any] = set()
     foreign: set[Any] = set()
@@ -76,7 +76,7 @@ def _has_code(loop: Any) -> bool:
 
 
 def _needed(function: Function, foreign: set[Any]) -> list[Any]:
-    """Foreign results that other operations than foreign ones use."""
+    """Return the foreign results that are used by operations with vector code."""
     needed = {atom for atom in function.outvars if not isinstance(atom, Literal)}
     for equation in function.eqns:
         if not foreign.intersection(equation.outvars):
@@ -85,7 +85,7 @@ def _needed(function: Function, foreign: set[Any]) -> list[Any]:
 
 
 def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
-    """Compute some intermediate results of a function for many runs, inside JAX."""
+    """Return a JAX function that computes intermediate results of a function for many runs."""
     required, steps = set(results), []
     for equation in reversed(function.eqns):
         if required.intersection(equation.outvars):
@@ -108,7 +108,7 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
 
 
 def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """Compile a function of many runs for few batch sizes."""
+    """Compile a function of many runs for a few batch sizes only."""
     compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:

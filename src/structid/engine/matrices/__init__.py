@@ -1,1 +1,1 @@
-"""Products and solutions with matrices that all runs share, dense or sparse, as loops that compile to lanes."""
+"""Products and solutions with dense or sparse matrices that all runs share, as loops that compile to vector code."""

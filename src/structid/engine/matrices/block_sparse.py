@@ -1,7 +1,7 @@
-"""Sparse products and solutions with one sparsity pattern for all runs; in lanes they are loops over the pattern.
+"""Sparse products and solutions with one sparsity pattern for all runs; in vector code they are loops over the pattern.
 
-JAX has only dense products and LAPACK, which a loop in lanes would write out with all zeros. What is traced for lanes
-(`row_by_row`) therefore uses the two primitives below, which the translator knows.
+JAX has only dense products and LAPACK, for which vector code would include all zeros. A trace for vector code (`row_by_row`)
+therefore uses the primitives below, which the translator supports.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from structid.engine.matrices.row_by_row import in_rows
 class SparseMatrix:
     """A matrix that all runs share."""
 
-    dense: Float[np.ndarray, "row column"] = field(repr=False)  # as a dense array
+    dense: Float[np.ndarray, "row column"] = field(repr=False)  # the matrix as a dense array
 
     def times(self, x: Float[Array, "column run"]) -> Float[Array, "row run"]:
         """Compute A x, inside JAX."""
@@ -38,15 +38,15 @@ class SparseMatrix:
 class BlockPattern:
     """Pattern of the 2 × 2 blocks of a square matrix that may be nonzero."""
 
-    # Where they are. The diagonal is among them, and with (i, j) also (j, i)
+    # Row of each block. The pattern contains the diagonal, and with (i, j) also (j, i)
     rows: Int[np.ndarray, " block"] = field(repr=False)
-    # Where they are. The diagonal is among them, and with (i, j) also (j, i)
+    # Column of each block. The pattern contains the diagonal, and with (i, j) also (j, i)
     columns: Int[np.ndarray, " block"] = field(repr=False)
-    size: int  # Number of rows of blocks
+    size: int  # Number of block rows
 
     @classmethod
     def of(cls, touching: Bool[np.ndarray, "size size"]) -> BlockPattern:
-        """Derive the pattern from a Boolean matrix."""
+        """Derive the pattern from a Boolean matrix of the nonzero blocks."""
         rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
         return cls(rows, columns, len(touching))
 
@@ -92,11 +92,11 @@ class BlockPattern:
 sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
 
 AXES = {sparse_times: (2,), block_times: (4, 2), block_solve: (4, 4, 2)}
-"""Axes of the operands for one direction. An additional first axis means several directions of differentiation."""
+"""Number of axes of the operands for one direction. An additional first axis holds several directions of differentiation."""
 
 
 def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
-    """Register shapes and batching of a primitive with JAX."""
+    """Register the shapes and the batching of a primitive with JAX."""
 
     def shape(*arrays: Any, **parameters: Any) -> Any:
         leading = [a.shape[0] for a, axes in zip(arrays, AXES[primitive], strict=True) if len(a.shape) > axes]
@@ -110,7 +110,7 @@ def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
     batching.primitive_batchers[primitive] = directions
 
 
-# Of numbers that are known when code is written.
+# These implementations apply to numbers known at compile time.
 sparse_times.def_impl(lambda x, matrix: jnp.asarray(matrix.dense) @ x)
 block_times.def_impl(lambda blocks, x, pattern: pattern._times_densely(blocks, x))
 block_solve.def_impl(lambda blocks, diagonal, right, pattern: pattern._solve_densely(blocks, diagonal, right))
@@ -121,7 +121,7 @@ _define(block_solve, lambda pattern: 2 * pattern.size)
 
 
 def _each_slope(primitive: Any) -> Callable[..., Any]:
-    """Derivatives of a primitive that is linear in each operand."""
+    """Return the derivative rules of a primitive that is linear in each operand."""
 
     def slope(place: int) -> Callable[..., Any]:
         return lambda tangent, *arrays, **parameters: primitive.bind(

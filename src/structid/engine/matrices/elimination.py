@@ -13,19 +13,19 @@ class Elimination:
     """Positions of the blocks including fill-in, and the operations of LU without pivoting."""
 
     order: Int[np.ndarray, " size"]  # unknowns in the order of elimination
-    diagonal: Int[np.ndarray, " size"]  # position of the diagonal block of each, in that order
+    diagonal: Int[np.ndarray, " size"]  # positions of the diagonal blocks, in the order of elimination
     given: Int[np.ndarray, " block"]  # positions of the pattern's own blocks
     count: int  # number of positions
-    below: np.ndarray  # positions of the blocks below each pivot, and where those of a pivot start
-    # Places of the blocks below each pivot, one after the other, and where those of a pivot begin
+    below: np.ndarray  # positions of the blocks below each pivot
+    # Index in `below` at which the blocks of each pivot start
     first_below: np.ndarray
-    row_below: np.ndarray  # unknowns of these blocks
-    beside: np.ndarray  # the same for the blocks to the right
-    first_beside: np.ndarray  # the same for the blocks to the right
-    row_beside: np.ndarray  # the same for the blocks to the right
-    # For every pivot, block below and block beside it: the place that their product is subtracted from
+    row_below: np.ndarray  # unknowns of the blocks below
+    beside: np.ndarray  # positions of the blocks to the right of each pivot
+    first_beside: np.ndarray  # index in `beside` at which the blocks of each pivot start
+    row_beside: np.ndarray  # unknowns of the blocks to the right
+    # Position from which the product is subtracted, for every pivot, block below and block to its right
     target: np.ndarray
-    first_target: Int[np.ndarray, " below"]  # where the targets of a block below start
+    first_target: Int[np.ndarray, " below"]  # index in `target` at which the targets of each block below start
 
 
 def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " block"], size: int) -> Elimination:
@@ -66,7 +66,7 @@ def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " bloc
 
 
 def _minimum_degree(rows: np.ndarray, columns: np.ndarray, size: int) -> tuple[list[int], set[tuple[int, int]]]:
-    """Minimum-degree ordering, and all blocks that fill in."""
+    """Return the minimum-degree ordering, and all blocks including fill-in."""
     neighbours = {k: set(columns[rows == k].tolist()) - {k} for k in range(size)}
     filled = {(int(i), int(j)) for i, j in zip(rows, columns, strict=True)}
     order = []

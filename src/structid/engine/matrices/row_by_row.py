@@ -1,4 +1,4 @@
-"""Products with large matrices that all runs share: in lanes, loops over rows."""
+"""Products with large matrices that all runs share, computed in vector code by loops over the rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _row_by_row = ContextVar("row by row", default=False)
 
 @contextlib.contextmanager
 def row_by_row() -> Iterator[None]:
-    """Make products traced inside this context loops over rows."""
+    """Trace products inside this context as loops over rows."""
     token = _row_by_row.set(True)
     try:
         yield
@@ -27,12 +27,12 @@ def row_by_row() -> Iterator[None]:
 
 
 def in_rows() -> bool:
-    """Whether the current trace is for lanes."""
+    """Whether the current trace is for vector code."""
     return _row_by_row.get()
 
 
 COLUMNS = 6
-"""Columns that a loop over rows multiplies at once, so that their sums stay in registers."""
+"""Number of columns that a loop over rows multiplies at once, so that their sums stay in registers."""
 
 
 def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"]) -> Float[Array, "run column"]:
@@ -45,7 +45,7 @@ def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"])
 def product_of(
     columns_of: Callable[[Any], Any], rows: Float[Array, "row ..."], matrix: Float[Array, "row column"]
 ) -> Float[Array, "run column"]:
-    """Compute X B inside JAX, where a function gives the columns of X for some rows of B."""
+    """Compute X B inside JAX; a function returns the columns of X for given rows of B."""
     if not _row_by_row.get():
         return columns_of(rows) @ matrix
     _, columns = lax.scan(lambda _, row: (None, columns_of(row[None])[:, 0]), None, rows)
@@ -53,7 +53,7 @@ def product_of(
 
 
 def _by_rows(columns: Any, matrix: Any) -> Any:
-    """X B from the columns of X, (row, run)."""
+    """Compute X B from the columns of X, (row, run)."""
     (rows, count), runs = matrix.shape, columns.shape[1]
     padded = jnp.pad(matrix, ((0, 0), (0, -count % COLUMNS)))
     blocks = padded.reshape(rows, -1, COLUMNS).transpose(1, 0, 2)

@@ -1,1 +1,1 @@
-"""From JAX's list of primitive operations to vector code for LLVM."""
+"""Translation of JAX's list of primitive operations to vector code for LLVM."""

@@ -1,7 +1,7 @@
-"""Exponential and logarithm on vectors of lanes; LLVM would call the C library once per lane.
+"""Exponential and logarithm of SIMD vectors; LLVM would call the C library once per lane.
 
-Both reduce the argument exactly, sum a series of the small remainder, and assemble the exponent's bits (e.g. J.-M. Muller,
-"Elementary Functions", 3rd ed., ch. 11).
+Both functions reduce the argument exactly, sum a series of the small remainder, and assemble the bits of the exponent (e.g.
+J.-M. Muller, "Elementary Functions", 3rd ed., ch. 11).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
 LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
-"""log 2 in two parts; the first has so few digits that its products with integers up to 2048 are exact."""
+"""log 2 in two parts; the first part has so few digits that its products with integers up to 2048 are exact."""
 
 LARGEST_EXPONENT, SMALLEST_EXPONENT = 710.0, -707.0
-"""Above the first the exponential is infinite (also slightly before it): at e⁷¹¹ the bits of 2ᵏ⁻¹ would overflow. Below the
-second, at 1e-307, it is zero."""
+"""Limits of the argument. Above the first limit, and slightly below it, the exponential is infinite: at e⁷¹¹ the bits of 2ᵏ⁻¹
+would overflow. Below the second limit, at 1e-307, it is zero."""
 
 TO_WHOLE = 1.5 * 2.0**52
-"""Added to a number of moderate size, it rounds to an integer, which then stands in the last bits."""
+"""Constant that rounds a number of moderate size to an integer when added to it; the last bits of the sum are the integer."""
 
 TO_EXPONENT = TO_WHOLE + 1022.0
-"""The same, scaled so that the bits of the integer k, shifted to the exponent, are those of 2ᵏ⁻¹."""
+"""`TO_WHOLE`, increased so that the bits of the integer k, shifted to the exponent, represent 2ᵏ⁻¹."""
 
 SERIES_OF_EXPONENTIAL = (
     1.0,
@@ -41,7 +41,7 @@ SERIES_OF_EXPONENTIAL = (
     2.7620075879983367e-07,
     2.5100375832561234e-08,
 )
-"""Series of eʳ on |r| ≤ ½ log 2, to 2e-17: 1 + r + r² p(r), with p interpolating (eʳ − 1 − r)/r² at ten Chebyshev points."""
+"""Series of eʳ on |r| ≤ ½ log 2, to 2e-17: 1 + r + r² p(r). p interpolates (eʳ − 1 − r)/r² at ten Chebyshev points."""
 
 MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
 """Mantissa bits of a double, and the bits of 1.0."""
@@ -53,14 +53,14 @@ def exponential(code: VectorCode, x: Number) -> Number:
     """Compute eˣ = 2ᵏ eʳ with |r| ≤ ½ log 2."""
     if not isinstance(x, Register):
         return math.exp(x)
-    # A NaN stays one: where a comparison fails, the argument itself is taken.
+    # A NaN stays NaN: if a comparison is false, the argument itself is used.
     low = code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), SMALLEST_EXPONENT, x)
     held = code.select(_compare(code, "ogt", low, LARGEST_EXPONENT), LARGEST_EXPONENT, low)
-    # The difference has no flags: LLVM is not to see that the constant is added and taken away again.
+    # The difference has no flags, so that LLVM does not cancel the added and subtracted constant.
     shifted = code.call("fmuladd", [held, 1.0 / math.log(2.0), TO_EXPONENT])
     k = code.operation("fsub", [shifted, TO_EXPONENT])
     rest = _multiply_add(code, k, -LOG_2_LOW, _multiply_add(code, k, -LOG_2_HIGH, held))
-    # 2 eʳ times 2ᵏ⁻¹: the bits of 2¹⁰²⁴ would be infinity's.
+    # The result is 2 eʳ times 2ᵏ⁻¹, since the bits of 2¹⁰²⁴ would mean infinity.
     twice = _polynomial(code, [2.0 * c for c in SERIES_OF_EXPONENTIAL], rest)
     power_of_two = code.cast("bitcast", code.operation("shl", [_bits(code, shifted), 52], "i64"), "double")
     result = code.operation(f"fmul {FLAGS}", [twice, power_of_two])
@@ -74,7 +74,7 @@ def logarithm(code: VectorCode, x: Number) -> Number:
     tiny = _compare(code, "olt", x, SMALLEST_NORMAL)
     normal = code.select(tiny, code.operation(f"fmul {FLAGS}", [x, 2.0**54]), x)
     bits = _bits(code, normal)
-    # The exponent's bits, put where those of 2⁵² have their mantissa, are a whole number.
+    # In the mantissa of 2⁵², the bits of the exponent represent a whole number.
     raised = code.operation("or", [code.operation("lshr", [bits, 52], "i64"), _float_bits(2.0**52)], "i64")
     exponent: Number = code.operation("fsub", [code.cast("bitcast", raised, "double"), 2.0**52 + 1023.0])
     mantissa_bits = code.operation("or", [code.operation("and", [bits, MANTISSA], "i64"), ONE], "i64")
@@ -87,7 +87,7 @@ def logarithm(code: VectorCode, x: Number) -> Number:
     s = code.operation("fdiv", [f, code.operation(f"fadd {FLAGS}", [f, 2.0])])
     square = code.operation(f"fmul {FLAGS}", [s, s])
     series = _polynomial(code, [2.0 / odd for odd in range(3, 25, 2)], square)
-    # 2 atanh s = 2s + s (s² series), and 2s = f − s f, of which f is exact.
+    # 2 atanh s = 2s + s (s² series), and 2s = f − s f, where f is exact.
     atanh = _multiply_add(
         code, s, code.operation(f"fsub {FLAGS}", [code.operation(f"fmul {FLAGS}", [square, series]), f]), f
     )
@@ -113,12 +113,12 @@ def _compare(code: VectorCode, words: str, a: Number, b: Number) -> Register:
 
 
 def _multiply_add(code: VectorCode, a: Number, b: Number, c: Number) -> Register:
-    """A b + c, fused where the machine has such an operation."""
+    """Return a b + c, fused if the machine has this operation."""
     return code.operation(f"fadd {FLAGS}", [code.operation(f"fmul {FLAGS}", [a, b]), c])
 
 
 def _polynomial(code: VectorCode, coefficients: Sequence[Number], x: Number) -> Number:
-    """Σ cᵢ xⁱ by Estrin's scheme: pairs are combined, so that few operations wait for each other."""
+    """Return Σ cᵢ xⁱ by Estrin's scheme, which combines pairs so that few operations depend on each other."""
     while len(coefficients) > 1:
         pairs = [coefficients[i : i + 2] for i in range(0, len(coefficients), 2)]
         coefficients = [_multiply_add(code, pair[1], x, pair[0]) if len(pair) == 2 else pair[0] for pair in pairs]

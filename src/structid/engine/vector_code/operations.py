@@ -11,7 +11,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 from jax.lax import slice_p, squeeze_p
 
 CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
-"""Primitives that call a function, and the parameter that holds it."""
+"""Primitives that call a function, and the parameter that contains the function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +26,14 @@ class Operation:
     """A primitive operation, as an equation of a jaxpr."""
 
     primitive: Any  # the primitive
-    params: dict[str, Any]  # its parameters
+    params: dict[str, Any]  # parameters of the primitive
     invars: tuple[Any, ...]  # operands
     outvars: tuple[Any, ...]  # results
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function with all calls inlined; bodies of loops stay separate."""
+    """A function with all calls inlined; loop bodies stay separate."""
 
     invars: Sequence[Any]  # arguments
     outvars: Sequence[Any]  # results
@@ -58,7 +58,7 @@ class Function:
 
 
 def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], operations: list[Operation]) -> list[Any]:
-    """Append the operations of a function's body and return its results; `known` maps its variables."""
+    """Append the operations of a function body and return its results; `known` maps its variables to values."""
 
     def read(atom: Any) -> Any:
         return atom if isinstance(atom, Literal) else known[atom]
@@ -66,7 +66,7 @@ def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], op
     for equation in body.eqns:
         operands = tuple(read(atom) for atom in equation.invars)
         name = equation.primitive.name
-        if name == "unstack":  # what takes an array apart in JAX 0.12
+        if name == "unstack":  # this primitive splits an array in JAX 0.12
             results = _taken_apart(operands[0], equation.params["axis"], operations)
         elif name not in CALLS:
             results = tuple(Result(v.aval) for v in equation.outvars)
@@ -82,7 +82,7 @@ def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], op
 
 
 def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Result, ...]:
-    """Append operations that split an array along an axis: a slice of length one, then without that axis."""
+    """Append operations that split an array along an axis: slices of length one, from which the axis is removed."""
     before, length, after = array.aval.shape[:axis], array.aval.shape[axis], array.aval.shape[axis + 1 :]
     results = []
     for index in range(length):
@@ -96,13 +96,13 @@ def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Re
 
 
 def largest_state(function: Function) -> int:
-    """Largest number of values that a loop of the function carries from pass to pass."""
+    """Return the largest number of values that a loop of the function carries between passes."""
     loops = [operation.params for operation in function.eqns if operation.primitive.name == "scan"]
     return max((sum(math.prod(aval.shape) for aval in _carried(loop)) for loop in loops), default=0)
 
 
 def _carried(loop: dict[str, Any]) -> list[Any]:
-    """Shapes of the values that a loop carries."""
+    """Return the shapes of the values that a loop carries."""
     _, carried = constants_and_carried(loop)
     return list(loop["jaxpr"].out_avals[:carried])
 

@@ -1,6 +1,6 @@
-"""Vector code of JAX's primitive operations: one table for arithmetic, one for rearrangement.
+"""Vector code of JAX's primitive operations, with tables for arithmetic, rearrangement and reduction.
 
-An array is a NumPy array of numbers: constants, or registers of the code.
+An array is a NumPy array whose elements are constants or registers of the code.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Parameters = Mapping[str, Any]
 
 
 class UntranslatableError(Exception):
-    """An operation in a loop over time has no vector code; the loop is left to JAX."""
+    """Error of an operation in a loop over time that has no vector code; JAX then runs the loop."""
 
 
 # --- arithmetic -----------------------------------------------------------------------------------------------------
@@ -39,7 +39,7 @@ def _sum(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
 
 
 def _product_of_two(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
-    # Zero times what is not finite is zero here: a run that diverges is known by its state.
+    # Zero times a non-finite number is zero here. A run that diverges is recognised by its state.
     return _times(code, a, b)
 
 
@@ -70,7 +70,7 @@ def _whole_power(code: VectorCode, parameters: Parameters, x: Number) -> Number:
 
 
 def _product(code: VectorCode, x: Number, times: int) -> Number:
-    """xⁿ by squaring."""
+    """Return xⁿ, computed by repeated squaring."""
     if times < 0:
         return code.operation(f"fdiv {FLAGS}", [1.0, _product(code, x, -times)])
     if times == 0:
@@ -87,7 +87,7 @@ def _power(code: VectorCode, _: Parameters, x: Number, exponent: Number) -> Numb
         raise UntranslatableError("a power whose exponent is not a fixed number")
     if float(exponent).is_integer() and abs(exponent) <= 64:
         return _product(code, x, int(exponent))
-    # xᵃ = exp(a log x), 0 at 0 and NaN below
+    # xᵃ = exp(a log x) is 0 for x = 0 and NaN for negative x
     return exponential(code, code.operation(f"fmul {FLAGS}", [logarithm(code, x), exponent]))
 
 
@@ -99,7 +99,7 @@ def _logistic(code: VectorCode, _: Parameters, x: Number) -> Number:
 
 def _smaller_or_larger(words: str) -> Callable[..., Number]:
     def chosen(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
-        # A NaN on either side stays one, as in NumPy.
+        # If either number is NaN, the result is NaN, as in NumPy.
         result = code.select(code.operation(f"fcmp {words}", [a, b], result="i1"), a, b)
         return code.select(code.operation("fcmp uno", [a, a], result="i1"), a, result)
 
@@ -127,7 +127,7 @@ def _converted(code: VectorCode, parameters: Parameters, x: Number) -> Number:
         return code.cast("uitofp", x, "double") if x.kind == "i1" else x
     if dtype == np.bool_:
         return x if x.kind == "i1" else code.operation("fcmp une", [x, 0.0], result="i1")
-    raise UntranslatableError(f"a number turned into {dtype}")
+    raise UntranslatableError(f"a number converted to {dtype}")
 
 
 def _bounded(code: VectorCode, parameters: Parameters, low: Number, x: Number, high: Number) -> Number:
@@ -178,7 +178,7 @@ ARITHMETIC: dict[str, Callable[..., Number]] = {
 """Elementwise primitives: ``function(code, parameters, *numbers)`` on one number of each array."""
 
 
-# --- moving numbers about -------------------------------------------------------------------------------------------
+# --- rearrangement --------------------------------------------------------------------------------------------------
 
 
 def _slice(parameters: Parameters, x: Array) -> Array:
@@ -222,7 +222,7 @@ ARRANGEMENT: dict[str, Callable[..., Array]] = {
 
 
 def _total(code: VectorCode, numbers: Sequence[Number]) -> Number:
-    """Sum of numbers, skipping zeros."""
+    """Sum numbers, skipping constant zeros."""
     counting = [n for n in numbers if isinstance(n, Register) or n != 0.0]
     if not counting:
         return 0.0
@@ -230,7 +230,7 @@ def _total(code: VectorCode, numbers: Sequence[Number]) -> Number:
 
 
 def sum_over(code: VectorCode, parameters: Parameters, x: Array) -> Array:
-    """Sum over axes."""
+    """Sum an array over axes."""
     return _reduced(parameters, x, lambda row: _total(code, row))
 
 
@@ -245,7 +245,7 @@ def _reduced(parameters: Parameters, x: Array, reduce: Callable[[list[Number]], 
 
 
 def product_of_matrices(code: VectorCode, parameters: Parameters, a: Array, b: Array) -> Array:
-    """Sum of products over shared axes; products with a constant zero are skipped."""
+    """Sum products over shared axes, skipping products with a constant zero."""
     (sum_a, sum_b), (batch_a, batch_b) = parameters["dimension_numbers"]
     left = _grouped(a, batch_a, sum_a)
     right = _grouped(b, batch_b, sum_b)
@@ -273,7 +273,7 @@ def _times(code: VectorCode, a: Number, b: Number) -> Number:
 
 
 def truth_over(words: str) -> Callable[..., Array]:
-    """Combine Booleans along axes."""
+    """Return the operation that combines Booleans along axes."""
 
     def joined(code: VectorCode, parameters: Parameters, x: Array) -> Array:
         return _reduced(
@@ -284,7 +284,7 @@ def truth_over(words: str) -> Callable[..., Array]:
 
 
 def extreme_over(words: str) -> Callable[..., Array]:
-    """Minimum or maximum along axes."""
+    """Return the operation for the minimum or maximum along axes."""
     chosen = _smaller_or_larger(words)
 
     def extreme(code: VectorCode, parameters: Parameters, x: Array) -> Array:

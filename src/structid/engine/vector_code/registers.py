@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Register:
-    """A number known at run time."""
+    """A number that is known only at run time."""
 
     name: str  # name in the text
     kind: str  # LLVM type
@@ -21,7 +21,7 @@ Number = float | bool | int | Register
 
 
 def constant(number: Any, kind: str) -> str:
-    """Write a constant, exact to its last bit."""
+    """Write a constant exactly, to the last bit."""
     if kind == "double":
         return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
     return ("true" if number else "false") if kind == "i1" else str(int(number))

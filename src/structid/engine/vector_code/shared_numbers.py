@@ -1,4 +1,4 @@
-"""Numbers that all runs share, in one table passed to the kernel, so that other values and longer rows need no new code."""
+"""Table of the numbers that all runs share. It is passed to the kernel, so other values and longer rows need no new code."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from structid.engine.vector_code.vector_code import VectorCode
 class SharedNumbers:
     """The table of shared numbers, and the text that reads it.
 
-    First come the numbers that the text addresses by position, then long arrays, whose positions and lengths are among the
-    former.
+    The first numbers are addressed by position in the text. They include the positions and lengths of the long arrays, which
+    follow.
     """
 
     def __init__(self, code: VectorCode) -> None:
@@ -25,7 +25,7 @@ class SharedNumbers:
 
     @property
     def values(self) -> np.ndarray:
-        """The whole table; integers are stored by their bits."""
+        """The whole table; integers are stored as their bits."""
         table = np.concatenate([np.array(self._numbers or [0.0]), *self._rows.values()])
         whole, arrays = table.view(np.int64), self.arrays
         for key, (position, _) in self._whole.items():
@@ -51,7 +51,7 @@ class SharedNumbers:
 
     def length(self, length: int) -> str:
         """Register a length in the table."""
-        # Lengths that are equal by chance have places of their own: the text is the same for any lengths.
+        # Equal lengths also have separate positions, so that the text is the same for any lengths.
         return self._whole_number((length, len(self._whole)))
 
     def place(self, values: np.ndarray) -> str:
@@ -61,13 +61,13 @@ class SharedNumbers:
         return self._whole_number(flat.tobytes())
 
     def at(self, place: str, count: int) -> list[Register]:
-        """Load some numbers where they are needed."""
+        """Load a count of numbers from a position at the current point of the code."""
         code = self._code
         places = [code.address("%shared", code.whole("add", place, index)) for index in range(count)]
         return [code.load(at, lanes=False) for at in places]
 
     def _whole_number(self, key: bytes | tuple[int, int]) -> str:
-        """Name of a length or position, which is known when the table is complete."""
+        """Return the name of a length or position; its value is known when the table is complete."""
         if key not in self._whole:
             position = len(self._numbers)
             self._whole[key] = position, self._code.load_once("%shared", position, "i64").name

@@ -1,4 +1,4 @@
-"""Numbers in memory during a loop: those that change from pass to pass, and small tables."""
+"""Numbers in memory during a loop: numbers that change from pass to pass, and small tables."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Slots:
 
 
 def kind_of(number: Number) -> str:
-    """LLVM type of a number."""
+    """Return the LLVM type of a number."""
     if isinstance(number, Register):
         return number.kind
     return "i1" if isinstance(number, (bool, np.bool_)) else "double"
 
 
-class Table:
+class LookupTable:
     """A small array of registers in memory, whose rows a loop reads in turn."""
 
     def __init__(self, code: VectorCode, numbers: Array) -> None:

@@ -1,4 +1,4 @@
-"""Sparse products and solutions as vector code: loops over positions, on numbers in memory."""
+"""Sparse products and solutions as vector code, with loops over positions and numbers in memory."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from structid.engine.matrices.block_sparse import AXES, BlockPattern, SparseMatr
 from structid.engine.vector_code.primitives import Array
 from structid.engine.vector_code.registers import Number
 from structid.engine.vector_code.shared_numbers import SharedNumbers
-from structid.engine.vector_code.values import InMemory, Shared, Value, array_of
+from structid.engine.vector_code.values import InThreadMemory, Shared, Value, array_of
 from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 
 class _Writer:
-    """Writes loops over positions, on numbers in memory."""
+    """Writer of loops over positions, with numbers in memory."""
 
     def __init__(self, code: VectorCode, shared: SharedNumbers) -> None:
         self.code, self.shared = code, shared
 
     def table(self, places: np.ndarray) -> str:
-        """Put integers into the table of shared numbers; return the name of the first one's position."""
+        """Put integers into the table of shared numbers, and return the name of the first integer's position."""
         return self.shared.place(np.ascontiguousarray(places, dtype=np.int64).view(np.float64))
 
     def entry(self, table: str, at: str | int) -> str:
-        """Name of an integer of a table."""
+        """Return the name of an integer in a table."""
         code = self.code
         address = code.address("%shared", code.whole("add", table, at))
         return code.load(address, lanes=False, kind="i64").name
 
     def memory(self, numbers: Sequence[Number] | int) -> str:
-        """Reserve memory for a count of numbers, or for given ones."""
+        """Reserve memory for a count of numbers, or for given numbers."""
         if isinstance(numbers, int):
             return self.code.slot(lanes=True, count=numbers)
         address = self.code.slot(lanes=True, count=len(numbers))
@@ -44,8 +44,8 @@ class _Writer:
         return address
 
     def of(self, value: Value, numbers: Any) -> str:
-        """Memory with the numbers of an array."""
-        return value.place if isinstance(value, InMemory) else self.memory(list(numbers(value).reshape(-1)))
+        """Return memory with the numbers of an array."""
+        return value.place if isinstance(value, InThreadMemory) else self.memory(list(numbers(value).reshape(-1)))
 
     def load(self, base: str, at: str | int) -> Number:
         """Load a number of each lane."""
@@ -73,7 +73,7 @@ class _Writer:
     def sum_of_products(
         self, *pairs: tuple[Number, Number], beside: Number | None = None, sign: str = "fadd"
     ) -> Number:
-        """Σ a b, or c ± Σ a b."""
+        """Return Σ a b, or c ± Σ a b."""
         total: Number | None = None
         for a, b in pairs:
             product = self.code.operation(f"fmul {FLAGS}", [a, b])
@@ -82,7 +82,7 @@ class _Writer:
         return total if beside is None else self.code.operation(f"{sign} {FLAGS}", [beside, total])
 
     def block_times_block(self, a: list[Number], b: list[Number], beside: list[Number] | None = None) -> list[Number]:
-        """A B, or C − A B."""
+        """Return A B, or C − A B."""
         return [
             self.sum_of_products(
                 (a[2 * i], b[j]),
@@ -97,7 +97,7 @@ class _Writer:
     def block_times_pair(
         self, a: list[Number], x: list[Number], beside: list[Number] | None = None, sign: str = "fsub"
     ) -> list[Number]:
-        """A x, or y ± A x."""
+        """Return A x, or y ± A x."""
         return [
             self.sum_of_products(
                 (a[2 * i], x[0]), (a[2 * i + 1], x[1]), beside=None if beside is None else beside[i], sign=sign
@@ -106,7 +106,7 @@ class _Writer:
         ]
 
     def inverse(self, a: list[Number]) -> list[Number]:
-        """Inverse of a block."""
+        """Return the inverse of a block."""
         code = self.code
         determinant = code.operation(
             f"fsub {FLAGS}",
@@ -123,7 +123,7 @@ class _Writer:
             self.store(0.0, base, at)
 
     def between(self, firsts: str, at: str) -> tuple[str, str]:
-        """Start and count of the entries of a list that belong to one index."""
+        """Return the start and the count of the list entries that belong to one index."""
         begin = self.entry(firsts, at)
         return begin, self.code.whole("sub", self.entry(firsts, self.code.whole("add", at, 1)), begin)
 
@@ -133,14 +133,14 @@ class _Writer:
 
 @dataclass(frozen=True)
 class _Operand:
-    """An array in memory, or one for each of several directions."""
+    """An array in memory, or several arrays, one for each direction."""
 
-    place: str  # name of the address of its first number
-    size: int  # numbers of the array of one direction
+    place: str  # name of the address of the first number
+    size: int  # count of numbers for one direction
     several: bool  # whether there are several directions
 
     def along(self, code: VectorCode, direction: str) -> str:
-        """Name of the address of the first number of a direction."""
+        """Return the name of the address of the first number of a direction."""
         if not self.several:
             return self.place
         return code.address(self.place, code.whole("mul", direction, self.size), lanes=True)
@@ -165,7 +165,7 @@ def written(
     result = _Operand(writer.memory(directions * rows), rows, len(shape) > 2)
     operation: Callable[..., None] = _sparse_times if primitive is sparse_times else _block_times
     if primitive is block_solve:
-        # One matrix for all directions.
+        # All directions share one matrix.
         *of_matrix, right = operands
         factors = _factors(writer, parameters["pattern"], *(operand.place for operand in of_matrix))
         operation, operands = functools.partial(_substituted, factors=factors), [right]
@@ -201,7 +201,7 @@ def _block_times(writer: _Writer, pattern: BlockPattern, blocks: str, x: str, fo
 
 
 def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str) -> str:
-    """LU of I + A D by blocks without pivoting: memory with L below, U beside, and the inverse pivots."""
+    """Compute the block LU of I + A D without pivoting: L is below the diagonal, U to its right; pivots are inverted."""
     plan, code = pattern.plan, writer.code
     matrix = writer.memory(4 * plan.count)
     writer.zeros(matrix, 4 * plan.count)
@@ -232,7 +232,7 @@ def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str)
 
 
 def _substituted(writer: _Writer, pattern: BlockPattern, right: str, x: str, factors: str) -> None:
-    """Forward and backward substitution."""
+    """Write the forward and backward substitution."""
     plan, code = pattern.plan, writer.code
     with code.loop(2 * pattern.size) as at:
         writer.store(writer.load(right, at), x, at)

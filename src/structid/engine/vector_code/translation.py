@@ -1,4 +1,4 @@
-"""Translation of a jaxpr, JAX's list of primitive operations on one run, to vector code for many runs."""
+"""Translation of a jaxpr, JAX's list of primitive operations for one run, to vector code for many runs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from structid.engine.vector_code.operations import Function, constants_and_carri
 from structid.engine.vector_code.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
 from structid.engine.vector_code.registers import Number
 from structid.engine.vector_code.shared_numbers import SharedNumbers
-from structid.engine.vector_code.slots import Slots, Table
+from structid.engine.vector_code.slots import LookupTable, Slots
 from structid.engine.vector_code.sparse_code import written
 from structid.engine.vector_code.values import (
     MOVES,
     History,
-    InMemory,
+    InThreadMemory,
     Shared,
     SharedRow,
     Value,
@@ -40,20 +40,20 @@ LARGEST_ARRAY = 4096
 
 LARGEST_ROW = 256
 """Largest part of a history on which operations are written number by number, and largest row of a shared array that is loaded
-whole."""
+completely."""
 
 LARGEST_SHARED_ROW = 2048
-"""Largest row of a shared array on which operations are written number by number: hundreds of components of three channels."""
+"""Largest row of a shared array on which operations are written number by number, for hundreds of components of 3 channels."""
 
 ALONG_HISTORIES = {"add", "sub", "mul", "div", "neg", "abs", "sqrt", "exp", "log", "square", "integer_pow"}
-"""Arithmetic that becomes a loop where its operand is a whole history."""
+"""Arithmetic that becomes a loop if an operand is a whole history."""
 
 LONGEST_UNROLLED = 16
-"""Number of passes up to which it is fixed in the text; larger numbers are passed to the kernel."""
+"""Largest number of loop passes that is fixed in the text; a larger number is passed to the kernel."""
 
 
 class Translator:
-    """Writes functions of one run as vector code."""
+    """Translator of functions of one run to vector code."""
 
     def __init__(self, code: VectorCode) -> None:
         self.code, self.shared = code, SharedNumbers(code)
@@ -73,7 +73,7 @@ class Translator:
         def read(atom: Any) -> Value:
             return np.asarray(atom.val) if isinstance(atom, Literal) else values[atom]
 
-        # Backwards, so that nothing is written that only leads to what is given.
+        # Going backwards omits operations that are needed only for given values.
         required, steps = {v for v in function.outvars if not isinstance(v, Literal)}, []
         for equation in reversed(function.eqns):
             if not values.keys() >= required.intersection(equation.outvars):
@@ -88,7 +88,7 @@ class Translator:
     def _operation(
         self, primitive: Any, parameters: dict[str, Any], operands: list[Value], shape: tuple[int, ...]
     ) -> list[Value]:
-        """Results of an operation; `shape` is that of the first."""
+        """Return the results of an operation; `shape` is the shape of the first result."""
         name = primitive.name
         if all(is_known(x) for x in operands):
             return computed_now(primitive, parameters, operands)
@@ -103,7 +103,7 @@ class Translator:
             if result is not None:
                 return [result]
         if not self._depth and any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in operands):
-            # An array that is repeated along another axis has no number for each number of the result.
+            # This excludes arrays that are repeated along another axis: they have fewer numbers than the result.
             if name in ALONG_HISTORIES and {size_of(x) for x in operands} <= {1, math.prod(shape)}:
                 return [self._number_by_number(ARITHMETIC[name], parameters, operands, shape)]
             if name == "reduce_sum" and isinstance(operands[0], History) and math.prod(shape) == 1:
@@ -120,14 +120,14 @@ class Translator:
         raise UntranslatableError(f"the operation '{name}'")
 
     def numbers(self, value: Value) -> Array:
-        """Numbers of an array, for elementwise operations."""
+        """Return the numbers of an array, for elementwise operations."""
         if isinstance(value, History):
             if size_of(value) > LARGEST_ROW:
                 raise UntranslatableError("arithmetic on a whole history")
             return self._row_of_history(replace(value, shape=(1, *value.shape)), "0").reshape(value.shape)
         if isinstance(value, np.ndarray):
             return value
-        if isinstance(value, InMemory):
+        if isinstance(value, InThreadMemory):
             places = [self.code.address(value.place, i, lanes=True) for i in range(size_of(value))]
             return array_of([self.code.load(address, lanes=True) for address in places], value.shape)
         if isinstance(value, SharedRow):
@@ -144,14 +144,16 @@ class Translator:
     # --- loops --------------------------------------------------------------------------------------------------
 
     def _loop(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
-        """Write a loop over time, or a loop inside its step, such as that over the substeps of a sample."""
+        """Write a loop over time, or a loop inside its step, such as the loop over the substeps of a sample."""
         if parameters["reverse"]:
             raise UntranslatableError("a loop that runs backwards")
         constants, carried = constants_and_carried(parameters)
         length = parameters["length"]
         fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
         fixed = [
-            x if isinstance(x, (History, InMemory)) or (is_known(x) and size_of(x) > LARGEST_ARRAY) else self.numbers(x)
+            x
+            if isinstance(x, (History, InThreadMemory)) or (is_known(x) and size_of(x) > LARGEST_ARRAY)
+            else self.numbers(x)
             for x in fixed
         ]
         state = [Slots(self.code, self.numbers(x)) for x in start]
@@ -170,7 +172,7 @@ class Translator:
         return [*(s.read() for s in state), *kept]
 
     def _while(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
-        """Write a loop with its own end for each run: it continues while any lane needs it, and leaves finished lanes unchanged."""
+        """Write a loop that ends separately for each run: it continues while any lane needs it; finished lanes stay unchanged."""
         of_condition, of_body = parameters["cond_nconsts"], parameters["body_nconsts"]
         given, fixed = taken[:of_condition], taken[of_condition : of_condition + of_body]
         state = [Slots(self.code, self.numbers(x)) for x in taken[of_condition + of_body :]]
@@ -188,9 +190,9 @@ class Translator:
         return [s.read() for s in state]
 
     def _passes(self, length: int, series: Sequence[Value]) -> int | str:
-        """Number of passes of a loop, so that other records and designs need no new code.
+        """Return the number of passes of a loop, so that other records and designs need no new code.
 
-        Short loops over short rows are unrolled; their number stays in the text.
+        Short loops over short rows are unrolled, and their number of passes is part of the text.
         """
         long_rows = any(size_of(x) > LARGEST_ROW * length for x in series)
         return self.shared.length(length) if length > LONGEST_UNROLLED or long_rows else length
@@ -202,8 +204,8 @@ class Translator:
         if isinstance(value, np.ndarray) and value.dtype == object:
             if value.size > LARGEST_ARRAY:
                 raise UntranslatableError(f"a loop through {value.size} numbers of each run")
-            return Table(self.code, value).row
-        if isinstance(value, InMemory):
+            return LookupTable(self.code, value).row
+        if isinstance(value, InThreadMemory):
             raise UntranslatableError(f"a loop through {size_of(value)} numbers of each run")
         if isinstance(value, SharedRow):
             first, shape = value.place, value.shape[1:]
@@ -239,7 +241,7 @@ class Translator:
         return replace(result, shape=shape)
 
     def _sum_of_history(self, history: History, shape: tuple[int, ...]) -> Array:
-        """Sum of all numbers of a history."""
+        """Return the sum of all numbers of a history."""
         total, number = Slots(self.code, array_of([0.0], ())), self._series(flattened(history))
         with self.code.loop(self.shared.length(size_of(history))) as at:
             both = [total.read()[()], self.numbers(number(at))[()]]
@@ -254,7 +256,7 @@ class Translator:
         return result
 
     def _places(self, history: History, at: str) -> list[str]:
-        """Addresses of the numbers of one sample."""
+        """Return the addresses of the numbers of one sample."""
         code, count = self.code, int(np.prod(history.shape[1:]))
         row = code.whole("add", code.whole("mul", at, count), history.first)
         first = code.whole("add", code.whole("mul", row, history.each), history.across)

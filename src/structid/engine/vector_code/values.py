@@ -32,12 +32,12 @@ IN_NUMPY: dict[str, Callable[..., Any]] = {
     "convert_element_type": lambda parameters, x: x.astype(parameters["new_dtype"]),
     "reduce_sum": lambda parameters, x: x.sum(axis=tuple(parameters["axes"])),
 }
-"""Operations that NumPy computes as JAX does: ``function(parameters, *arrays)``."""
+"""Operations with equal results in NumPy and JAX: ``function(parameters, *arrays)``."""
 
 
 @dataclass(frozen=True)
 class Shared:
-    """An array that all runs share. Its numbers are not in the text, so that other numbers need no new code."""
+    """An array that all runs share. Its numbers are not in the text, so new numbers need no new code."""
 
     values: np.ndarray  # The numbers
 
@@ -46,7 +46,7 @@ class Shared:
 class SharedRow:
     """A row of a shared array, such as the input of a nested loop."""
 
-    place: str  # name of the position of its first number
+    place: str  # name of the position of the first number
     shape: tuple[int, ...]
 
 
@@ -56,16 +56,16 @@ class History:
 
     number: int  # index in the order of creation; `SIGNALS` for signals
     shape: tuple[int, ...]  # (time, …)
-    first: int = 0  # index of its first row
+    first: int = 0  # index of the first row
 
     @property
     def base(self) -> str:
-        """Name of its memory."""
+        """Name of the memory of the history."""
         return "%signals" if self.number == SIGNALS else f"%kept{self.number}"
 
     @property
     def each(self) -> str:
-        """Name of the distance between rows."""
+        """Name of the distance between rows in memory."""
         return "%each_signal" if self.number == SIGNALS else f"%each{self.number}"
 
     @property
@@ -75,18 +75,18 @@ class History:
 
 
 @dataclass(frozen=True)
-class InMemory:
-    """An array of each run that is too large for registers, in the memory of the thread that computes its block."""
+class InThreadMemory:
+    """An array of each run that is too large for registers, in the memory of the thread that computes the block."""
 
-    place: str  # name of the address of its first number; the lanes of a number are contiguous
+    place: str  # name of the address of the first number; the lanes of a number are contiguous
     shape: tuple[int, ...]
 
 
 SIGNALS = -1
-"""Marks the signals passed for each run."""
+"""Number that marks the signals passed for each run."""
 
-Value = np.ndarray | Shared | SharedRow | History | InMemory
-"""Constants in the text, numbers shared by all runs or a row of them, numbers in registers or memory, or a history."""
+Value = np.ndarray | Shared | SharedRow | History | InThreadMemory
+"""Constants in the text, shared numbers or a row of them, numbers in registers or memory, or a history."""
 
 
 def is_known(value: Value) -> bool:
@@ -95,12 +95,12 @@ def is_known(value: Value) -> bool:
 
 
 def size_of(value: Value) -> int:
-    """Number of values in an array."""
+    """Return the number of values in an array."""
     return value.values.size if isinstance(value, Shared) else int(np.prod(value.shape))
 
 
 def known_values(value: Any) -> np.ndarray:
-    """Values of an array that are known at compile time."""
+    """Return the values of an array that are known at compile time."""
     return value.values if isinstance(value, Shared) else value
 
 
@@ -121,7 +121,7 @@ def array_of(numbers: Sequence[Number], shape: tuple[int, ...]) -> Array:
 
 
 MOVES = {"slice", "squeeze", "reshape", "expand_dims", "transpose", "broadcast_in_dim"}
-"""Operations that can be expressed by the address of a history's numbers alone."""
+"""Operations that only change the addresses of a history's numbers."""
 
 
 def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[int, ...]) -> History | None:
@@ -133,7 +133,7 @@ def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[
             return None
         return replace(history, shape=shape)
     starts, lengths = parameters["start_indices"], np.subtract(parameters["limit_indices"], parameters["start_indices"])
-    # The numbers lie one after the other where all axes after the first that is not of length one are whole.
+    # The numbers are contiguous if all axes after the first axis longer than one are complete.
     cut = int(np.argmax(lengths != 1)) + 1 if (lengths != 1).any() else len(lengths)
     if tuple(lengths[cut:]) != history.shape[cut:] or set(parameters["strides"] or (1,)) != {1}:
         return None
@@ -141,7 +141,7 @@ def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[
 
 
 def gathered(primitive: Any, parameters: dict[str, Any], numbers: Array, indices: np.ndarray) -> Array:
-    """Choose numbers by indices known at compile time; JAX evaluates the choice on their positions."""
+    """Select numbers by indices known at compile time; JAX evaluates the selection on the positions of the numbers."""
     places = np.asarray(primitive.bind(np.arange(numbers.size).reshape(numbers.shape), indices, **parameters))
     if places.min(initial=0) < 0 or places.max(initial=0) >= numbers.size:
         raise UntranslatableError("indices beyond an array")
@@ -155,7 +155,7 @@ def computed_now(primitive: Any, parameters: dict[str, Any], operands: Sequence[
 
 
 def _values(primitive: Any, parameters: dict[str, Any], operands: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Evaluate by NumPy where it has the operation; JAX would compile each one."""
+    """Evaluate an operation by NumPy if possible, since JAX would compile each operation."""
     name = primitive.name
     if name in ARRANGEMENT:
         return [np.asarray(ARRANGEMENT[name](parameters, *operands), dtype=operands[0].dtype)]

@@ -1,7 +1,7 @@
-"""Straight-line code on vectors of lanes, as LLVM text.
+"""Straight-line code on SIMD vectors, as LLVM text.
 
-A number is the same for all lanes (a `double`), or each lane has its own (a vector of them). An operation on numbers that are the
-same for all lanes is computed once.
+A number is either equal in all lanes (a `double`) or different in each lane (a vector). An operation on numbers that are equal in
+all lanes is computed once.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from structid.engine.vector_code.registers import Number, Register, constant
 
 FLAGS = "contract nsz arcp"
-"""What LLVM may do to floating-point operations: fuse products with sums, ignore the sign of zero, multiply by a reciprocal.
+"""Allowed transformations of floating-point operations: fused products and sums, unsigned zero, multiplication by a reciprocal.
 
-LLVM must not assume that numbers are finite: a run that diverges must be detected.
+LLVM must not assume that numbers are finite, since a run that diverges must be detected.
 """
 
 
@@ -36,11 +36,11 @@ class VectorCode:
         return f"%{what}{self._count}"
 
     def type_of(self, kind: str, lanes: bool) -> str:
-        """LLVM type of a number."""
+        """Return the LLVM type of a number."""
         return f"<{self.width} x {kind}>" if lanes else kind
 
     def operand(self, number: Number, kind: str, lanes: bool) -> str:
-        """Name of a number as an operand of this type."""
+        """Return the name of a number as an operand of this type."""
         if not isinstance(number, Register):
             written = constant(number, kind)
             return f"splat ({kind} {written})" if lanes else written
@@ -73,7 +73,7 @@ class VectorCode:
         return Register(value, result or kind, lanes)
 
     def call(self, function: str, numbers: Sequence[Number], kind: str = "double") -> Register:
-        """Call an LLVM intrinsic, which has a version for every type."""
+        """Call an LLVM intrinsic in the version for the operands' type."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
         of = self.type_of(kind, lanes)
         operands = ", ".join(f"{of} {self.operand(n, kind, lanes)}" for n in numbers)
@@ -84,7 +84,7 @@ class VectorCode:
         return Register(result, kind, lanes)
 
     def select(self, condition: Number, yes: Number, no: Number, kind: str = "double") -> Number:
-        """Choose one of two numbers."""
+        """Select one of two numbers by a condition."""
         if not isinstance(condition, Register):
             return yes if condition else no
         lanes = any(isinstance(n, Register) and n.lanes for n in (condition, yes, no))
@@ -106,13 +106,13 @@ class VectorCode:
     # --- memory -------------------------------------------------------------------------------------------------
 
     def whole(self, words: str, a: str | int, b: str | int) -> str:
-        """Write integer arithmetic shared by all lanes, such as indices."""
+        """Write integer arithmetic that is equal for all lanes, such as indices."""
         result = self.name("n")
         self.lines.append(f"  {result} = {words} i64 {a}, {b}")
         return result
 
     def address(self, base: str, index: str | int, lanes: bool = False) -> str:
-        """Address of an element of an array."""
+        """Return the address of an element of an array."""
         address = self.name("at")
         self.lines.append(
             f"  {address} = getelementptr inbounds {self.type_of('double', lanes)}, ptr {base}, i64 {index}"
@@ -151,7 +151,7 @@ class VectorCode:
 
     @contextmanager
     def loop(self, length: int | str) -> Iterator[str]:
-        """Repeat the following code for 0, 1, … up to, but not including, `length`."""
+        """Repeat the code in the context for the indices 0, 1, …, `length` − 1."""
         counter = self.name("slot")
         self.entry.append(f"  {counter} = alloca i64, align 8")
         self.lines.append(f"  store i64 0, ptr {counter}")
@@ -162,13 +162,13 @@ class VectorCode:
 
     @contextmanager
     def shared_loop(self, counter: str, end: str) -> Iterator[str]:
-        """Repeat the following code for indices that several threads take from one counter."""
+        """Repeat the code in the context for indices that several threads take from one counter."""
         with self._numbered(f"atomicrmw add ptr {counter}, i64 1 seq_cst", end) as at:
             yield at
 
     @contextmanager
     def loop_while(self) -> Iterator[Callable[[Number], None]]:
-        """Repeat the following code while a condition holds in any lane."""
+        """Repeat the code in the context while a condition holds in any lane."""
         with self._passes() as body:
             yield lambda holds: body(self._in_any_lane(holds))
 
@@ -182,7 +182,7 @@ class VectorCode:
 
     @contextmanager
     def _numbered(self, taken: str, end: str) -> Iterator[str]:
-        """Passes of a loop while their index, stored in `taken`, is below `end`."""
+        """Write the passes of a loop while the index, read by the instruction `taken`, is below `end`."""
         with self._passes() as body:
             at, more = self.name("i"), self.name("more")
             self.lines += [f"  {at} = {taken}", f"  {more} = icmp slt i64 {at}, {end}"]
@@ -191,7 +191,7 @@ class VectorCode:
 
     @contextmanager
     def _passes(self) -> Iterator[Callable[[str], None]]:
-        """Passes of a loop; the yielded function ends the head, given the name of a Boolean, and starts the body."""
+        """Write the passes of a loop. The yielded function takes the name of a Boolean, ends the head and starts the body."""
         head, body, done = (self.name(w)[1:] for w in ("head", "body", "done"))
         self.lines += [f"  br label %{head}", f"{head}:"]
         self._splats.append({})

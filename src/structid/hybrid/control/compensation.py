@@ -1,8 +1,8 @@
 """Delay compensation: commands that allow for the delay of a transfer system.
 
 Sources: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the polynomial; Y. Chae,
-K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series, which is repaired here as
-`AdaptiveTimeSeries` says.
+K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series; `AdaptiveTimeSeries`
+describes our changes.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 CUBIC_SLOPE, CUBIC_CURVATURE = np.array([11.0, -18.0, 9.0, -2.0]) / 6.0, np.array([2.0, -5.0, 4.0, -1.0])
-"""Derivatives at its last point of the cubic through four points at unit distance, last one first."""
+"""Weights for the derivatives at the last of four points of a cubic; unit spacing, last point first."""
 
 
 class Compensator(ABC):
-    """Compensation of one test in progress, with its memory."""
+    """Compensation during one test, with its memory."""
 
     @abstractmethod
     def commands(self, targets: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
         """Convert targets of the specimen to commands for the actuators."""
 
-    def observe(  # noqa: B027 - most do not look back
+    def observe(  # noqa: B027 - most do not adapt
         self, commands: Float[np.ndarray, "sample channel"], measured: Float[np.ndarray, "sample channel"]
     ) -> None:
-        """Learn from the response to commands."""
+        """Adapt to the measured response to commands."""
 
 
 class Compensation(ABC):
@@ -42,65 +42,65 @@ class Compensation(ABC):
     Attributes
     ----------
     learns : bool
-        Whether it needs the measured displacement of every controller step, which only a continuous motion has.
+        Whether it needs a measured displacement at every controller step, which only a continuous motion provides.
     """
 
     learns: bool = False
 
     @abstractmethod
     def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
-        """Start for a test.
+        """Start the compensation for a test.
 
         Parameters
         ----------
         channels : int
-            Of the specimen.
+            Number of channels of the specimen.
         controller_step : float
             T_c [s] of wall time.
         time_scale : float
-            λ.
+            λ, ratio of wall time to simulated time.
 
         Returns
         -------
         Compensator
-            That has seen nothing yet.
+            Compensator in its initial state.
         """
 
     @abstractmethod
     def gain(self, omega: float, delay: float) -> complex:
-        """By what it multiplies a harmonic motion, c over u.
+        """Gain c/u: ratio of the command to the target for a harmonic motion.
 
-        With a transfer system that is late by τ the loop multiplies the specimen's force by G = gain · e^(−iωτ), which adds
-        Δζ ≈ p Im G/2 to the damping of a mode of which the specimen has the share p.
+        With a transfer system of delay τ, the loop multiplies the specimen's force by G = gain · e^(−iωτ). This adds
+        Δζ ≈ p Im G/2 to the damping ratio of a mode if the specimen provides the fraction p of the modal stiffness.
 
         Parameters
         ----------
         omega : float
             ω in wall time [rad/s].
         delay : float
-            τ of the transfer system [s], which an adaptive compensation finds.
+            τ of the transfer system [s]; an adaptive compensation identifies it.
 
         Returns
         -------
         complex
-            The gain.
+            Gain c/u.
         """
 
 
 @check_arguments
 @dataclass(frozen=True)
 class PolynomialExtrapolation(Compensation):
-    """A polynomial through where the specimen should have been, a delay ahead: c(t) = Σ_i a_i u(t − i τ), i = 0 … n.
+    """Extrapolation of a polynomial through past targets by the delay: c(t) = Σ_i a_i u(t − i τ), i = 0 … n.
 
-    a_i = (−1)^i C(n+1, i+1), for n = 3: 4, −6, 4, −1. The loop then has G = 1 − (1 − e^(−iθ))^(n+1), which adds damping up to
-    θ = π/2 for n = 3 and π/3 for n = 2, and takes some for n = 0 and 1. Noise grows by √Σ a_i², 8.3 for n = 3.
+    a_i = (−1)^i C(n+1, i+1); for n = 3: 4, −6, 4, −1. The loop factor is G = 1 − (1 − e^(−iθ))^(n+1) with θ = ωτ. It adds damping
+    up to θ = π/2 (n = 3) or π/3 (n = 2), and removes damping for n = 0 and 1. Noise grows by √Σ a_i², 8.3 for n = 3.
 
     Parameters
     ----------
     delay : float
         τ [s] of wall time.
     order : int
-        n, from 0 to 5.
+        Order n, from 0 to 5.
 
     Examples
     --------
@@ -124,34 +124,34 @@ class PolynomialExtrapolation(Compensation):
         return np.array([(-1.0) ** i * comb(self.order + 1, i + 1) for i in range(self.order + 1)])
 
     def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
-        """Start for a test; see `Compensation.begin`."""
+        """Start the compensation for a test; see `Compensation.begin`."""
         return _Extrapolator(self.weights, self.delay / controller_step, channels)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Give Σ_k a_k e^(−ikωτ′), with the delay τ′ that it was made for; see `Compensation.gain`."""
+        """Gain Σ_k a_k e^(−ikωτ′) with the delay τ′ of the settings; see `Compensation.gain`."""
         turns = np.exp(-1j * omega * self.delay * np.arange(self.order + 1))
         return complex(self.weights @ turns)
 
 
 class _Extrapolator(Compensator):
-    """Σ a_i u(t − i τ)."""
+    """Extrapolation Σ a_i u(t − i τ) during a test."""
 
     def __init__(self, weights: np.ndarray, spacing: float, channels: int) -> None:
         self.weights, self.past = weights, _Past(spacing * np.arange(len(weights)), channels)
 
     def commands(self, targets: np.ndarray) -> np.ndarray:
-        """Extrapolate; see `Compensator.commands`."""
+        """Extrapolate the targets; see `Compensator.commands`."""
         return np.asarray(np.einsum("i,tic->tc", self.weights, self.past.before(targets)))
 
 
 class _Past:
-    """Earlier targets, zero before the first; linear between two controller steps."""
+    """Past targets, zero before the first one; interpolated linearly between controller steps."""
 
     def __init__(self, lags: np.ndarray, channels: int) -> None:
         self.lags, self.kept = lags, np.zeros((int(np.ceil(lags[-1])) + 2, channels))
 
     def before(self, targets: np.ndarray) -> np.ndarray:
-        """Targets `lags` controller steps before each of the new ones, shape (sample, lag, channel)."""
+        """Targets `lags` controller steps before each new target, shape (sample, lag, channel)."""
         first = len(self.kept)
         history = np.concatenate([self.kept, targets])
         self.kept = history[len(targets) :]
@@ -164,24 +164,24 @@ class _Past:
 @check_arguments
 @dataclass(frozen=True)
 class AdaptiveTimeSeries(Compensation):
-    """A Taylor series whose coefficients are learnt while the test runs: c = a₀ u + a₁ u′ + ½ a₁² u″.
+    """A Taylor series whose coefficients are estimated during the test: c = a₀ u + a₁ u′ + ½ a₁² u″.
 
-    a₀ and a₁ are the least squares of past commands on measured displacements and their rates in a moving window. The raw form is
-    ruined by noise: 5 µm at λ = 10 turn 29 ms into 5. So commands and measurements pass the same causal Butterworth filter, whose
-    delay cancels, the second coefficient is tied to the first, and windows and filters are in *simulated* time. u′ and u″ are those
-    of the cubic through four values a measured delay apart: differences of controller steps would make spikes of the small jumps
-    with which a coupling ends a coarse step.
+    In a moving window, a₀ and a₁ fit past commands to measured displacements and their rates by least squares. The original form
+    is sensitive to noise: with 5 µm at λ = 10 it estimates 5 ms instead of 29 ms. Commands and measurements therefore pass the
+    same causal Butterworth filter, whose delay cancels. The coefficient of u″ follows from a₁, and windows and filters are in
+    *simulated* time. u′ and u″ are derivatives of the cubic through four values at the spacing of the measured delay. Differences
+    of controller steps would turn the small jumps at the end of coarse steps into spikes.
 
     Parameters
     ----------
     delay : float
-        Measured delay with which it begins [s] of wall time.
+        Measured delay of the transfer system, the initial estimate [s] of wall time.
     window : float
         Length of the window [s] of simulated time.
     cutoff : float
-        Of the filter [Hz] of simulated time.
+        Cut-off frequency of the filter [Hz] in simulated time.
     amplitudes : tuple of float
-        Range of a₀.
+        Allowed range of a₀.
 
     Examples
     --------
@@ -208,11 +208,11 @@ class AdaptiveTimeSeries(Compensation):
             raise InputError("AdaptiveTimeSeries.amplitudes", f"{self.amplitudes!r}", "a range around 1")
 
     def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
-        """Start for a test; see `Compensation.begin`."""
+        """Start the compensation for a test; see `Compensation.begin`."""
         return _Adapting(self, channels, controller_step, time_scale)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Give 1 + τ D₁(ω) + ½ τ² D₂(ω), of a series that has found the delay; see `Compensation.gain`."""
+        """Gain 1 + τ D₁(ω) + ½ τ² D₂(ω) of a series that has identified the delay; see `Compensation.gain`."""
         spacing = self.delay
         turns = np.exp(-1j * omega * spacing * np.arange(4))
         share = delay / spacing
@@ -220,16 +220,16 @@ class AdaptiveTimeSeries(Compensation):
 
 
 class _Adapting(Compensator):
-    """An adaptive time series in operation, separately for each channel."""
+    """Adaptive time series during a test, separate for each channel."""
 
     def __init__(self, settings: AdaptiveTimeSeries, channels: int, step: float, scale: float) -> None:
         self.settings, self.step = settings, step
         self.coefficients = np.tile([1.0, settings.delay], (channels, 1))
         """a₀, and a₁ [s], shape (channel, 2)."""
-        rate = scale / step  # samples a second of simulated time
+        rate = scale / step  # samples per second of simulated time
         length = max(round(settings.window * rate), 3)
         self.window: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=length)
-        # A filter that is wider than what the samples can show is none.
+        # The cut-off must be below the Nyquist frequency.
         corner = min(settings.cutoff / (0.5 * rate), 0.99)
         self.numerator, self.denominator = scipy.signal.butter(2, corner)
         self.memories = np.zeros((2, channels, 2))
@@ -246,7 +246,7 @@ class _Adapting(Compensator):
         return np.asarray(amplitude * targets + lead * rate + 0.5 * lead**2 * curvature)
 
     def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:
-        """Refit the window; see `Compensator.observe`."""
+        """Refit the coefficients in the window; see `Compensator.observe`."""
         for command, position in zip(commands, measured, strict=True):
             filtered = self._filtered(0, command)
             filtered_position = self._filtered(1, position)

@@ -1,10 +1,10 @@
-"""Critical delays of a hybrid test: closed forms, and those of any structure.
+"""Critical delays of a hybrid test: closed forms for one degree of freedom, and a numerical solution for any structure.
 
-A delayed specimen returns its force late, which feeds energy in. The critical delay is the shortest one at which a free
-oscillation no longer decays. A rate-independent specimen is affected in simulated time: a transfer system with a delay of τ in
-wall time has a delay of τ/λ there.
+A delayed specimen returns its force late, which feeds energy into the structure. The critical delay is the shortest delay at which
+a free oscillation no longer decays. If the specimen is rate-independent, a delay of τ in wall time acts as a delay of τ/λ in
+simulated time.
 
-Source: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for a delay as negative damping.
+Source: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the delay as negative damping.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 GRID = 4000
-"""Frequencies at which a structure's eigenvalues are computed before roots are refined between them."""
+"""Number of frequencies at which eigenvalues are computed, before roots between these frequencies are refined."""
 HIGHEST = 3.0
-"""Highest frequency examined, relative to the highest natural one."""
+"""Highest frequency examined, relative to the highest natural frequency."""
 INERTIA_ALONE = 30.0
-"""Frequency, relative to the highest natural one, above which inertia alone determines the determinant."""
+"""Frequency, relative to the highest natural frequency, above which inertia alone determines the determinant."""
 SMALL_TURN = 0.5
 """Largest change of the determinant's argument between two frequencies [rad] before the step is halved."""
 REFINEMENTS = 40
-"""Largest number of halvings of a step; beyond, a root lies on the axis itself."""
+"""Largest number of halvings of a step; if they do not suffice, a root lies on the imaginary axis."""
 
 
 @dataclass(frozen=True)
 class CriticalDelay:
     """The shortest delay at which a free oscillation no longer decays."""
 
-    delay: float  # τ_c in simulated time [s]; infinite where no delay is critical
-    frequency: float  # Ω of that oscillation [rad/s]; NaN where there is none
+    delay: float  # τ_c in simulated time [s]; infinite if no delay is critical
+    frequency: float  # Ω of this oscillation [rad/s]; NaN if no delay is critical
 
     def on_the_wall(self, time_scale: float) -> float:
-        """Delay in wall time."""
+        """Critical delay in wall time [s]."""
         return time_scale * self.delay
 
 
@@ -54,7 +54,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
     if not frequency > 0.0 or damping_ratio < 0.0 or not 0.0 < share <= 1.0:
         came = f"ω = {frequency:g} rad/s, ζ = {damping_ratio:g}, p = {share:g}"
         raise InputError("critical_delay", came, "ω above 0, ζ of 0 or more, p above 0 and up to 1")
-    # x⁴ + 2 b x² + c = 0 with b = 2ζ² − 1 + p and c = 1 − 2p; the larger root is the earlier one to lose its damping.
+    # x⁴ + 2 b x² + c = 0 with b = 2ζ² − 1 + p and c = 1 − 2p; the oscillation at the larger root loses its damping first.
     b, c = 2.0 * damping_ratio**2 - 1.0 + share, 1.0 - 2.0 * share
     inner = b * b - c
     square = -b + np.sqrt(inner) if inner >= 0.0 else -1.0
@@ -67,7 +67,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
 
 @check_arguments
 def critical_lag(frequency: float, damping_ratio: float) -> float:
-    """Critical time constant of a first-order lag, for a specimen with all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
+    """Critical time constant of a first-order lag, if the specimen provides all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
     left = 1.0 - 4.0 * damping_ratio**2
     return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
 
@@ -81,7 +81,7 @@ def critical_delay_of(
 ) -> CriticalDelay:
     """Critical delay of a whole structure: the smallest τ > 0 with det(−Ω²M + iΩC + K_N + K_P e^(−iΩτ)) = 0 for some Ω.
 
-    At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ, which is a delay where |μ| = 1.
+    At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ; this is a delay if |μ| = 1.
     """
     squares = scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True)
     grid = np.linspace(0.0, HIGHEST * np.sqrt(squares.max()), GRID + 1)[1:]
@@ -116,9 +116,9 @@ def growing_oscillations(
 ) -> int:
     """Count the growing oscillations of a structure whose specimen force is delayed.
 
-    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27), which holds with delays where inertia has none:
-    while Ω goes from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N
-    roots that grow, two for each oscillation.
+    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27) also holds with delays, if inertia forces are not
+    delayed. While Ω increases from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π. Here n is the
+    number of degrees of freedom, and N the number of growing roots, two for each oscillation.
     """
     highest = np.sqrt(scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True).max())
     most = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()

@@ -17,23 +17,23 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of a specimen to the end of a step."""
+    """Motion of a specimen during one step."""
 
     samples: int  # number of controller steps
-    ramp: int  # number of moving ones; the rest holds
-    averaged: int  # number of the last ones averaged in a reading
-    # Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move
+    ramp: int  # number of controller steps of the ramp; a hold follows
+    averaged: int  # number of final controller steps over which the reading is averaged
+    # Whether the specimen generates its own ramp and answers on arrival; it then receives one position per move
     settles: bool = False
 
     @property
     def continuous(self) -> bool:
-        """Whether the motion never stops."""
+        """True if the motion never stops."""
         return self.ramp == self.samples and not self.settles
 
     def path(
         self, start: Float[np.ndarray, " channel"], end: Float[np.ndarray, " channel"]
     ) -> Float[np.ndarray, "sample channel"]:
-        """Targets of its controller steps."""
+        """Targets at the controller steps of a move."""
         share = np.minimum(np.arange(1, self.samples + 1) / self.ramp, 1.0)
         if not self.continuous:
             share = share**2 * (3.0 - 2.0 * share)
@@ -41,7 +41,7 @@ class Motion:
 
     @property
     def peak_rate(self) -> float:
-        """Largest displacement in a controller step relative to the whole move, 1.5 of the mean in a ramp."""
+        """Largest displacement in a controller step, relative to the whole move; in a ramp, 1.5 times the mean."""
         return float(np.abs(np.diff(self.path(np.zeros(1), np.ones(1)), axis=0, prepend=0.0)).max())
 
 
@@ -51,7 +51,7 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
     if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
         raise InputError(
             what,
-            f"{wall_time:g} s of wall time, {count:g} controller steps of {controller_step:g} s",
+            f"{wall_time:g} s of wall time, or {count:g} controller steps of {controller_step:g} s",
             "a whole number of controller steps, one or more",
             "Change the time scale, the step or the number of substeps.",
         )
@@ -59,24 +59,24 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
 
 
 def continuous_motion(wall_time: float, controller_step: float) -> Motion:
-    """Motion that arrives at the end of its time, for a fine specimen."""
+    """Motion that lasts until the end of its step, for a fine specimen."""
     count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
     return Motion(count, count, 1)
 
 
 ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
-"""Motion of a specimen that takes one position per move."""
+"""Motion of a specimen that accepts one position per move."""
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:
-    """Motion that arrives early and waits, for a coarse specimen."""
+    """Motion with a ramp and a hold, for a coarse specimen."""
     count = controller_steps(wall_time, controller_step, "a step of the specimen")
     if count < LEAST_OF_A_RAMP:
-        came = f"{wall_time:g} s of wall time, {count} controller steps"
+        came = f"{wall_time:g} s of wall time, or {count} controller steps"
         raise InputError(
             "a step of the specimen",
             came,
-            f"{LEAST_OF_A_RAMP} or more for a ramp and a hold",
+            f"{LEAST_OF_A_RAMP} or more controller steps for a ramp and a hold",
             "Choose a larger time scale.",
         )
     ramp = min(max(round(share * count), 1), count - 1)

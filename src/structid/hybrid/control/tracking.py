@@ -15,13 +15,13 @@ from jaxtyping import Float
 from structid.core.errors import InputError
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
-"""Minimum move for a secant, relative to the peak and to the noise: in shorter moves noise would appear as stiffness."""
+"""Minimum length of a secant, relative to the peak and to the noise; in shorter secants, noise would appear as stiffness."""
 SURELY, FEWEST_FOR_NOISE = 3.0, 20
-"""Standard deviations of force noise subtracted from a secant, and minimum number of moves to estimate that noise."""
+"""Number of standard deviations of force noise subtracted from a secant; minimum number of moves to estimate this noise."""
 NORMAL_MEDIAN = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute values."""
+"""Ratio of the standard deviation to the median absolute value, for a normal distribution with zero mean."""
 STIFFER = 1.05
-"""Secant over K₀ that causes a warning."""
+"""Ratio of secant stiffness to K₀ above which there is a warning."""
 
 
 def root_mean_square_error(commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]) -> float:
@@ -42,17 +42,17 @@ def tracking_indicator(
 def energy_error(
     force: Float[np.ndarray, " time"], commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " time"]:
-    """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure."""
+    """∫ r d(u_m − u_c): the energy that the tracking error feeds into the structure."""
     energy = scipy.integrate.cumulative_trapezoid(force, measured - commanded, initial=0.0)
     return np.asarray(energy)
 
 
 @dataclass(frozen=True)
 class FrequencyEvaluationIndex:
-    """Amplitude and delay of a motion, weighted by the power of the command."""
+    """Amplitude and delay of a measured motion, weighted by the power of the command."""
 
-    amplitude: float  # |F|; 1 for a perfect motion
-    delay: float  # −arg F/(2π f_eq) [s], in the time of the histories
+    amplitude: float  # |F|; 1 for perfect tracking
+    delay: float  # −arg F/(2π f_eq) [s], in the time base of the histories
     frequency: float  # f_eq, mean frequency weighted by the same power [Hz]
 
 
@@ -60,12 +60,12 @@ def frequency_evaluation_index(
     commanded: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"], dt: float
 ) -> FrequencyEvaluationIndex:
     """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history."""
-    # A history that does not end where it began would leak into every frequency.
+    # Without a taper, a history with different ends would leak into all frequencies.
     taper = np.hanning(len(commanded))
     u_c, u_m = (np.fft.rfft(taper * scipy.signal.detrend(u))[1:] for u in (commanded, measured))
     power = np.abs(u_c) ** 2
     if not power.sum() > 0.0:
-        raise InputError("frequency_evaluation_index", "a specimen that was not to move", "a motion")
+        raise InputError("frequency_evaluation_index", "no commanded movement", "a command that is not zero")
     ratio = np.sum(u_m * np.conj(u_c)) / power.sum()
     frequency = float(np.sum(np.fft.rfftfreq(len(commanded), dt)[1:] * power) / power.sum())
     return FrequencyEvaluationIndex(
@@ -81,9 +81,9 @@ def largest_secant(
 ) -> float:
     """Largest stiffness of the specimen along its path, relative to K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
-    Secants connect points that are a tenth of the peak apart, and well above the noise. A secant that does not continue the
-    previous one has passed a turning point, where a hysteretic force differs at the same displacement; it is omitted. The
-    possible contribution of force noise is subtracted.
+    Secants connect points at a distance of a tenth of the peak or more, and far above the noise. A secant that reverses direction
+    has passed a turning point, where a hysteretic force differs at equal displacements; it is omitted. The possible contribution of
+    force noise is subtracted.
     """
     peak = float(np.abs(measured).max(initial=0.0))
     noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0
@@ -102,9 +102,9 @@ def largest_secant(
 
 
 def _force_noise(measured: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Standard deviation of the roughness of the forces around a linear response, shape (channel,).
+    """Standard deviation of the force noise, from residuals of a linear response, shape (channel,).
 
-    Third differences of smooth histories are small; those of independent noise have √20 of its standard deviation.
+    Third differences of smooth histories are small; third differences of independent noise have √20 times its standard deviation.
     """
     if len(force) < FEWEST_FOR_NOISE:
         return np.zeros(force.shape[1])

@@ -19,16 +19,16 @@ CONTROLLER_STEP = 1e-3
 @check_arguments
 @dataclass(frozen=True)
 class Sensor:
-    """What is seen of a quantity: white noise, then the steps of a converter.
+    """A sensor with white noise and an analogue-to-digital converter.
 
     Parameters
     ----------
     noise : float
-        Standard deviation [m] or [N].
+        Standard deviation of the noise [m] or [N].
     range : float, optional
-        Width of what the converter can tell apart [m] or [N]; an ideal converter when left out.
+        Measuring range of the converter [m] or [N]; default: an ideal converter.
     bits : int
-        Of the converter, whose step is range/2^bits.
+        Number of bits of the converter; its resolution is range/2^bits.
 
     Examples
     --------
@@ -48,23 +48,23 @@ class Sensor:
 
     @property
     def quantum(self) -> float:
-        """Resolution of the converter [m] or [N]; 0 for an ideal one."""
+        """Resolution of the converter [m] or [N]; 0 for an ideal converter."""
         return 0.0 if self.range is None else self.range / 2**self.bits
 
     def seen(self, values: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """What it makes of true values.
+        """Readings of true values.
 
         Parameters
         ----------
         values : ndarray
-            The truth [m] or [N].
+            True values [m] or [N].
         random : numpy.random.Generator
-            For the noise.
+            Generator of the noise.
 
         Returns
         -------
         ndarray
-            In the same shape.
+            Readings, in the same shape.
         """
         noisy = values + self.noise * random.normal(size=values.shape) if self.noise else values
         return self.quantum * np.round(noisy / self.quantum) if self.quantum else noisy
@@ -77,18 +77,18 @@ class Actuator:
 
         u_m′ = (c(t − τ) − u_m)/T_a
 
-    A command c_k is the target of the end of controller step k, and is held during it. The lag is exact for such a staircase; seen
-    at the ends of steps it acts as a delay of T_a − T_c/2.
+    A command c_k is the target at the end of controller step k, and is constant during this step. The lag is integrated exactly
+    for such commands. At the ends of the steps, it acts as a delay of T_a − T_c/2.
 
     Parameters
     ----------
     delay, lag : float
         τ and T_a [s] of wall time.
     stroke, velocity, force : float, optional
-        Largest absolute displacement [m], velocity [m/s] of wall time, and force [N]; no limit when left out. It cannot move
-        farther or faster. A force beyond its limit stops the test.
+        Largest absolute displacement [m], velocity [m/s] of wall time, and force [N]; default: no limit. The actuator cannot
+        move farther or faster. A force beyond its limit stops the test.
     displacement_sensor, force_sensor : Sensor
-        What is seen of its piston and of its load cell.
+        Sensors of the piston and of the load cell.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class Actuator:
         for name in ("stroke", "velocity", "force"):
             limit = getattr(self, name)
             if limit is not None and not limit > 0.0:
-                raise InputError(f"Actuator.{name}", f"{limit!r}", "a positive limit, or nothing")
+                raise InputError(f"Actuator.{name}", f"{limit!r}", "a positive limit, or None")
 
 
 class TransferSystem:
@@ -129,7 +129,7 @@ class TransferSystem:
         self._pistons = [_Piston(actuator, controller_step) for actuator in actuators]
 
     def followed(self, path: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-        """Move along a path."""
+        """Positions of the actuators along a path."""
         return np.stack([p.followed(path[:, k]) for k, p in enumerate(self._pistons)], axis=1)
 
     def seen(
@@ -149,16 +149,16 @@ class TransferSystem:
 
 
 class _Piston:
-    """One actuator in motion."""
+    """Position and past commands of one actuator."""
 
     def __init__(self, actuator: Actuator, step: float) -> None:
         self.actuator, self.place = actuator, 0.0
         whole = actuator.delay / step
-        # A delay of q + f steps: during the first f of a step the command of q + 1 steps before still acts.
+        # With a delay of q + f steps, the command from q + 1 steps earlier still acts during the first fraction f of a step.
         self.before = int(np.floor(whole + 1e-9))
         self.part = max(whole - self.before, 0.0)
         self.sent = np.zeros(self.before + 1)
-        """The last commands, the oldest first."""
+        """Last commands, oldest first."""
         lag = actuator.lag
         self.kept = (
             (float(np.exp(-self.part * step / lag)), float(np.exp(-(1.0 - self.part) * step / lag)))

@@ -1,4 +1,4 @@
-"""The interface of couplings: two parts that move as one structure."""
+"""Interface of couplings, by which two parts move as one structure."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WORST_CONDITION = 1e14
 
 
 class CoupledState(NamedTuple):
-    """Both parts at the end of a coarse step."""
+    """States of both parts at the end of a coarse step."""
 
     numerical: PartState  # numerical part
     physical: PartState  # physical part
@@ -32,29 +32,28 @@ class FineSteps(NamedTuple):
     """States within a coarse step."""
 
     part: PartState  # the fine part after each of its steps; first axis: fine step
-    traction: Float[Array, "fine_step interface"]  # Λ acting on it [N]
+    traction: Float[Array, "fine_step interface"]  # Λ on the fine part [N]
 
 
 class CoarseStep(NamedTuple):
     """A completed coarse step."""
 
     state: CoupledState  # state at its end
-    fine: Any  # states within it; empty where they are not kept
-    # Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up
-    # to zero
+    fine: Any  # states of its fine steps; empty if they are not kept
+    # Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, with increments [·] [W/s]; zero if the interface forces do no work
     pseudo_energy: Any
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling(ABC):
-    """How two parts are coupled.
+    """Coupling of two parts.
 
     Parameters
     ----------
     substeps : int
-        ss, steps of the fine part within one of the coarse part.
+        ss, number of fine steps in a coarse step.
     fine : {"numerical", "physical"}
-        Which part takes the substeps.
+        Part that takes the fine steps.
     """
 
     substeps: int = 1
@@ -63,12 +62,12 @@ class Coupling(ABC):
     def __post_init__(self) -> None:
         where = type(self).__name__
         if not isinstance(self.substeps, (int, np.integer)) or self.substeps < 1:
-            raise InputError(f"{where}.substeps", f"{self.substeps!r}", "a whole number from 1")
+            raise InputError(f"{where}.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
         check_choice(f"{where}.fine", self.fine, ("numerical", "physical"))
 
     @abstractmethod
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> Joined:
-        """Prepare two parts for steps.
+        """Couple two parts.
 
         Parameters
         ----------
@@ -85,7 +84,7 @@ class Coupling(ABC):
         Raises
         ------
         InputError
-            If they do not share an interface.
+            If the parts do not share an interface.
         """
 
 
@@ -97,19 +96,19 @@ class Joined(ABC):
     fine: OperatorSplitting  # part B, with ss steps of h = Δt/ss
     fine_is_physical: bool  # whether B is the physical part
     substeps: int  # ss
-    keeps_fine: bool = True  # whether a step keeps the states within it
+    keeps_fine: bool = True  # whether a step keeps the states of its fine steps
 
     @abstractmethod
     def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
         """Take a coarse step."""
 
     def of_parts(self, numerical: Substructure, physical: Substructure) -> Self:
-        """Couple other parts in the same way, such as softened ones."""
+        """Couple other parts in the same way, such as softened parts."""
         coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
 
     def seen(self, part: PartState, traction: Float[Array, "interface *run"]) -> Any:
-        """The kept data of a fine step."""
+        """Data of a fine step, or an empty tuple if they are not kept."""
         return FineSteps(part, traction) if self.keeps_fine else ()
 
     @property
@@ -143,9 +142,9 @@ class Joined(ABC):
         return CoupledState(*pair, traction)
 
     def start(self, base: Any = 0.0, like: Float[Array, " run"] = None) -> CoupledState:
-        """Both parts at rest, with accelerations and interface forces for the first acceleration of the base.
+        """Both parts at rest, with the accelerations and interface forces of the first base acceleration.
 
-        Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the uncoupled parts.
+        The condition Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with accelerations a of the uncoupled parts on the right side.
         """
         sides = (self.coarse, self.fine)
         shapes = [np.zeros(s.part.dofs) if like is None else 0.0 * like + np.zeros((s.part.dofs, 1)) for s in sides]
@@ -160,18 +159,18 @@ class Joined(ABC):
         return self.state_of(coarse, fine, traction)
 
     def gap(self, state: CoupledState) -> Any:
-        """Largest difference of the interface displacements of both parts, which are not coupled; velocities are."""
+        """Largest difference between the interface displacements of both parts; only velocities are coupled."""
         xp = namespace(state.traction)
         coarse, fine = self.parts_of(state)
         return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
 
     def missed_velocity(self, coarse: PartState, fine: PartState) -> Float[Array, "interface *run"]:
-        """Σ L v."""
+        """Velocity mismatch Σ L v at the interface."""
         return self.coarse.rows @ coarse.velocity + self.fine.rows @ fine.velocity
 
     @cached_property
     def shares(self) -> np.ndarray:
-        """j/ss, shape (ss,)."""
+        """Fractions j/ss of the coarse step, shape (ss,)."""
         return np.arange(1, self.substeps + 1) / self.substeps
 
 
@@ -184,8 +183,8 @@ def splittings(
         raise InputError(
             "interface",
             f"{rows[0]} rows in {numerical.name}, {rows[1]} in {physical.name}",
-            "the same number in both, and one or more",
-            "The k-th of one part meets the k-th of the other.",
+            "the same number of rows in both parts, one or more",
+            "Give the rows in the same order: row k of one part is connected to row k of the other part.",
         )
     if not (np.isfinite(dt) and dt > 0.0):
         raise InputError("dt", f"{dt!r}", "a positive time in seconds")
@@ -205,6 +204,6 @@ def inverse_of(operator: Float[np.ndarray, "interface interface"]) -> Float[np.n
             "interface",
             f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",
             "rows of L that are independent in each part",
-            "Take out a row that repeats another, or that no mass stands behind.",
+            "Remove each row that repeats another row or has no mass.",
         )
     return np.asarray(np.linalg.inv(operator))

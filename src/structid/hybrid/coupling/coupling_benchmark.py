@@ -20,13 +20,13 @@ from structid.models.hysteretic.shear_frame import ShearFrame
 
 MASS, STIFFNESS, DAMPING_RATIO = 12_000.0, 7.6e6, 0.03
 LAW = {"alpha": 0.05, "beta": 63.0, "gamma": 63.0, "delta_nu": 2.43, "delta_eta": 6.5}
-"""Constitutive law of both storeys, where they are hysteretic."""
+"""Constitutive law of both storeys if they are hysteretic."""
 PULSE, STRENGTH = 0.5, 3.0
-"""Length [s] and peak [m/s²] of the ground motion."""
+"""Duration [s] and peak [m/s²] of the ground acceleration."""
 
 
 def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
-    """The whole frame."""
+    """The frame before it is divided."""
     law: dict[str, Any] = LAW if hysteretic else {"alpha": 1.0, "beta": 0.0, "gamma": 0.0}
     initial = stiffness_matrix(np.full(2, STIFFNESS))
     omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])
@@ -43,7 +43,7 @@ def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
 
 
 def pulse(time: np.ndarray) -> np.ndarray:
-    """Acceleration of the ground."""
+    """Ground acceleration of the benchmark [m/s²]."""
     return np.where(time < PULSE, STRENGTH * np.sin(np.pi * time / PULSE) ** 2, 0.0)
 
 

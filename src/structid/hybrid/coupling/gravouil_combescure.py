@@ -26,20 +26,20 @@ from structid.hybrid.substructures.substructure import Substructure
 class GravouilCombescure(Coupling):
     """Velocities of both parts agree at every fine step; α = 0.
 
-    A takes a free step with Λ = 0. Then at every fine step j, B takes a free step with Λ = 0, gets
+    Part A takes a free step with Λ = 0. At every fine step j, part B takes a free step with Λ = 0. The interface forces are
 
         Λ_j = −H⁻¹ [(1 − j/ss) L_A v_A⁰ + (j/ss) L_A v_A¹ + L_B v_B],    H = Σ γ h_i L_i M̂_i⁻¹ L_iᵀ
 
-    and its link. v_A¹ is the free velocity of A at the end, v_A⁰ = v_A − γ Δt M̂_A⁻¹ L_Aᵀ Λ_n that at the start. After the last one
-    A gets its link of Λ_ss. It is stable at any step also for a fine specimen that has softened, but of first order where ss > 1,
-    and it damps.
+    and B adds its linear response. v_A¹ is the free velocity of A at the end, v_A⁰ = v_A − γ Δt M̂_A⁻¹ L_Aᵀ Λ_n at the start. After
+    the last fine step, A adds its linear response to Λ_ss. The coupling is stable at any step, even for a softened fine specimen.
+    For ss > 1 it is of first order, and it adds damping.
 
     Parameters
     ----------
     substeps : int
-        ss, steps of the fine part within one of the coarse part.
+        ss, number of fine steps in a coarse step.
     fine : {"numerical", "physical"}
-        Which part takes them.
+        Part that takes the fine steps.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class GravouilCombescure(Coupling):
     """
 
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtFineSteps:
-        """Prepare two parts; see `Coupling.joined`."""
+        """Couple two parts; see `Coupling.joined`."""
         coarse, fine = splittings(numerical, physical, dt, self)
         return JoinedAtFineSteps(coarse, fine, self.fine == "physical", self.substeps)
 

@@ -1,4 +1,4 @@
-"""α-operator splitting of one part, in which the restoring force is imposed once and read once per step.
+"""α-operator splitting of one part: once per step, a displacement is imposed and the restoring force is read.
 
 Sources: T. M. Hughes, K. S. Pister & R. L. Taylor (1979) for the splitting, H. M. Hilber, T. J. R. Hughes & R. L. Taylor (1977) for
 α, D. Combescure & P. Pegon (1997) for both in a pseudo-dynamic test; see docs/bibliography.md.
@@ -28,21 +28,21 @@ class PartState(NamedTuple):
     velocity: Any  # v
     acceleration: Any  # a
     force: Any  # r, the restoring force at u in the splitting
-    imposed: Any  # ũ, at which the force was last evaluated
-    reading: Any  # r̃, the force there
+    imposed: Any  # ũ, displacement of the last evaluation of the force
+    reading: Any  # r̃, the force at ũ
     memory: Any  # memory of the restoring force
 
     def linear(self) -> tuple[Any, Any, Any, Any]:
-        """What the next step of a linear part depends on: u, v, a, r."""
+        """Variables that determine the next step of a linear part: u, v, a, r."""
         return self.displacement, self.velocity, self.acceleration, self.force
 
     def recorded(self) -> tuple[Any, Any, Any, Any, Any, Any]:
-        """What is written down: all but the memory, in the order of `PartHistory`."""
+        """Recorded variables, in the order of `PartHistory`: all except the memory."""
         return *self.linear(), self.imposed, self.reading
 
 
 class Link(NamedTuple):
-    """Linear response of a part to a change of the interface forces, (dof,) or (dof, run); to unit forces (dof, interface)."""
+    """Linear response of a part to changed interface forces; shape (dof,) or (dof, run); for unit forces (dof, interface)."""
 
     displacement: Any  # change of u
     velocity: Any  # change of v
@@ -69,8 +69,8 @@ class OperatorSplitting:
         M̂ = M + (1+α) (γ h C + β h² K₀)
         u₁ = ũ + β h² a₁        v₁ = ṽ + γ h a₁        r₁ = r̃ + K₀ (u₁ − ũ)
 
-    Λ is averaged like the forces: with Λ₁ alone and α ≠ 0 a coupled step is of first order. It is stable at any h while tangents
-    stay between 0 and K₀.
+    Λ is averaged like the other forces: with Λ₁ only, and α ≠ 0, a coupled step would be of first order. The method is stable at
+    any h if all tangent stiffnesses are between 0 and K₀.
     """
 
     part: Substructure
@@ -152,6 +152,6 @@ class OperatorSplitting:
         )
 
     def virtually(self, state: PartState) -> Imposing:
-        """Response of a part that is linear from now on, r + K₀ (ũ − u), without any motion."""
+        """Force of a part that is linear from this state on, r + K₀ (ũ − u), without any movement."""
         force, displacement, stiffness = state.force, state.displacement, self.part.stiffness
         return lambda memory, imposed: (force + stiffness @ (imposed - displacement), memory)

@@ -1,4 +1,4 @@
-"""Two coupled parts over a record, and the histories of both on their two clocks."""
+"""Response of two coupled parts to a record, and its histories at coarse and fine steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.hybrid.coupling.base import CoarseStep, CoupledState, Joined
 
 @dataclass(frozen=True, eq=False)
 class PartHistory:
-    """Motion of one part; see `PartState`."""
+    """History of one part; see `PartState`."""
 
     time: Float[np.ndarray, " time"]  # [s]
     displacement: Float[np.ndarray, "time dof"]  # u [m]
@@ -30,39 +30,39 @@ class PartHistory:
 
 @dataclass(frozen=True, eq=False)
 class CoarseHistory:
-    """The structure at rest and at the end of every coarse step."""
+    """History of the structure: at rest, and at the end of every coarse step."""
 
     time: Float[np.ndarray, " time"]  # [s]
-    # The degrees of freedom of the physical part, then those of the numerical part that are not at the interface:
+    # Order: degrees of freedom of the physical part, then degrees of freedom of the numerical part outside the interface
     u: Float[np.ndarray, "time dof"]  # displacement [m]
     v: Float[np.ndarray, "time dof"]  # velocity [m/s]
     a: Float[np.ndarray, "time dof"]  # acceleration [m/s²]
     traction: Float[np.ndarray, "time interface"]  # Λ [N]
     gap: Float[np.ndarray, " time"]  # difference of the displacements of both parts at the interface [m]
-    pseudo_energy: Float[np.ndarray, " time"]  # of the interface in each step [W/s]
+    pseudo_energy: Float[np.ndarray, " time"]  # pseudo-energy of the interface in each step [W/s]
     numerical: PartHistory  # numerical part
     physical: PartHistory  # physical part
 
 
 @dataclass(frozen=True, eq=False)
 class FineHistory:
-    """The fine part at the end of every fine step."""
+    """History of the fine part at the end of every fine step."""
 
-    # Its motion. What the coupling adds at the end of a coarse step is in `CoarseHistory` and not here
+    # Without the correction of the coupling at the end of a coarse step, which is in `CoarseHistory`
     part: PartHistory
-    traction: Float[np.ndarray, "time interface"]  # Λ acting on it [N]
+    traction: Float[np.ndarray, "time interface"]  # Λ on the fine part [N]
 
 
 @dataclass(frozen=True, eq=False)
 class PartitionedHistories:
-    """Histories on the two clocks."""
+    """Histories at coarse and fine steps."""
 
-    coarse: CoarseHistory  # of both parts
-    fine: FineHistory  # of the fine part
+    coarse: CoarseHistory  # both parts at coarse steps
+    fine: FineHistory  # fine part at fine steps
 
 
 def steps_over(coupled: Joined, start: CoupledState, base: Float[np.ndarray, " _"]) -> Iterator[CoarseStep]:
-    """Take every coarse step of a record."""
+    """Take all coarse steps of a record, one after another."""
     state, count = start, coupled.substeps
     for first in range(0, len(base) - 1, count):
         step = coupled.step(state, base[first : first + count + 1])
@@ -76,14 +76,14 @@ def base_of(record: GroundMotion, coupled: Joined, duration: float | None = None
     steps = int(np.floor(length / coupled.dt + 1e-9))
     if steps < 1:
         raise InputError(
-            "dt", f"{coupled.dt:g} s, and the record lasts {length:g} s", "a coarse step that fits into it"
+            "dt", f"{coupled.dt:g} s for a record of {length:g} s", "a coarse step that fits into the record"
         )
     return record.values_at(np.arange(steps * coupled.substeps + 1) * coupled.fine.step)
 
 
 @dataclass(frozen=True, eq=False)
 class StepFrame:
-    """Layout of a step as one row of numbers, and of rows as histories."""
+    """Layout of a step in one row of numbers, which converts steps to rows and rows to histories."""
 
     numerical_rows: Float[np.ndarray, "interface dof"]  # L of the numerical part, with its sign
     physical_rows: Float[np.ndarray, "interface physical_dof"]  # L of the physical part, with its sign
@@ -113,7 +113,7 @@ class StepFrame:
 
     @cached_property
     def width(self) -> int:
-        """Numbers in a row."""
+        """Number of values in a row."""
         return sum(math.prod(shape) for shape in self._shapes.values())
 
     def row_of(self, step: CoarseStep) -> Float[np.ndarray, " width"]:

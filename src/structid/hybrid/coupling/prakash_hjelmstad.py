@@ -29,23 +29,23 @@ from structid.hybrid.substructures.substructure import Substructure
 class PrakashHjelmstad(Coupling):
     """Velocities of both parts agree at the end of a coarse step; Λ is linear within it, and averaged like other forces.
 
-    1. Guess Λ*. A takes a free step under Λ*, B takes ss free steps under Λ_n + (j/ss) (Λ* − Λ_n).
+    1. Predict Λ*. Part A takes a free step under Λ*, part B takes ss free steps under Λ_n + (j/ss) (Λ* − Λ_n).
     2. Y = (u, v, a, r) of B after ss steps from rest under Λ = j/ss with K₀; H = (1+α) γ Δt L_A M̂_A⁻¹ L_Aᵀ + L_B Y_v.
-    3. δΛ = −H⁻¹ Σ L v;  Λ = Λ* + δΛ;  A gets its link of δΛ, B gets Y δΛ.
+    3. δΛ = −H⁻¹ Σ L v;  Λ = Λ* + δΛ;  A adds its linear response to δΛ, B adds Y δΛ.
 
-    For linear parts any guess gives the same answer. A nonlinear fine part has felt Λ* and not Λ, so the guess comes from a virtual
-    step: from Λ* = Λ_n with r_last + K₀ (u − u_last), without any motion. For a specimen that has softened it adds a spurious
-    damping, see `structid.hybrid.coupling.stability`.
+    For linear parts, any prediction gives the same result. A nonlinear fine part moves under Λ* and not under Λ. A virtual step
+    without movement therefore predicts Λ*, with Λ* = Λ_n and the force r_last + K₀ (u − u_last). If the specimen has softened, this
+    adds spurious damping; see `structid.hybrid.coupling.stability`.
 
     Parameters
     ----------
     substeps : int
-        ss, steps of the fine part within one of the coarse part.
+        ss, number of fine steps in a coarse step.
     fine : {"numerical", "physical"}
-        Which part takes them. A fine specimen moves continuously, one step of its controller at a time; a coarse one by ramp and
-        hold.
+        Part that takes the fine steps. A fine specimen moves continuously, one controller step at a time. A coarse specimen
+        moves by ramp and hold.
     alpha : float
-        α from −1/3 to 0; below zero it damps high frequencies.
+        α from −1/3 to 0; negative values damp high frequencies.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class PrakashHjelmstad(Coupling):
             raise InputError("PrakashHjelmstad.alpha", f"{self.alpha:g}", "a number from -1/3 to 0")
 
     def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtCoarseSteps:
-        """Prepare two parts; see `Coupling.joined`."""
+        """Couple two parts; see `Coupling.joined`."""
         coarse, fine = splittings(numerical, physical, dt, self, self.alpha)
         virtual = not fine.part.linear and self.substeps > 1
         return JoinedAtCoarseSteps(coarse, fine, self.fine == "physical", self.substeps, virtual=virtual)
@@ -82,7 +82,7 @@ class JoinedAtCoarseSteps(Joined):
 
     @cached_property
     def response(self) -> Link:
-        """Y: response of B to interface forces that grow from 0 to one each over its ss steps, with K₀."""
+        """Y: response of B, with K₀, to interface forces that each grow from 0 to 1 over its ss steps."""
         linear = self.fine
         size = len(linear.rows)
         at_rest = np.zeros((linear.part.dofs, size))
@@ -110,7 +110,7 @@ class JoinedAtCoarseSteps(Joined):
         return CoarseStep(after, within, (gained * (after.traction - traction)).sum(axis=0) / self.dt)
 
     def _guessed(self, before: tuple[PartState, PartState], traction: Any, bases: Any) -> Any:
-        """Λ* of a virtual step from Λ* = Λ_n, in which both parts respond linearly and nothing moves."""
+        """Λ* predicted by a virtual step from Λ_n, in which both parts respond linearly and nothing moves."""
         xp = namespace(traction)
         coarse, fine, shaking, pulling = self.foreseen
         shaken = shaking @ bases
@@ -119,7 +119,7 @@ class JoinedAtCoarseSteps(Joined):
 
     @cached_property
     def foreseen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Σ L v at the end of a virtual step, which is linear in (u, v, a, r) of A and of B, in the base, and in Λ_n."""
+        """Matrices of Σ L v at the end of a virtual step: for (u, v, a, r) of A, of B, the base acceleration, and Λ_n."""
         sizes = [self.coarse.part.dofs] * 4 + [self.fine.part.dofs] * 4 + [self.substeps + 1, len(self.coarse.rows)]
         units = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
         coarse, fine = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))

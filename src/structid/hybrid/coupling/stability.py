@@ -11,7 +11,7 @@ from structid.hybrid.coupling.base import CoupledState, Joined
 from structid.hybrid.coupling.operator_splitting import PartState
 
 STILL = 1e-6
-"""Tolerance within which an eigenvalue is one or real, so that nothing oscillates."""
+"""Smallest magnitude and imaginary part of an eigenvalue that belongs to an oscillation."""
 
 
 class FreeOscillations(NamedTuple):
@@ -22,7 +22,7 @@ class FreeOscillations(NamedTuple):
 
 
 def amplification(coupled: Joined) -> Float[np.ndarray, "state state"]:
-    """Matrix that maps the state of linear parts over a coarse step, from all unit states at once."""
+    """Matrix that maps the state of linear parts over a coarse step; all unit states take this step together."""
     sizes = [s.part.dofs for s in (coupled.numerical, coupled.physical) for _ in range(4)]
     units = np.split(np.eye(sum(sizes) + len(coupled.coarse.rows)), np.cumsum(sizes))
     numerical, physical = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
@@ -31,12 +31,12 @@ def amplification(coupled: Joined) -> Float[np.ndarray, "state state"]:
 
 
 def spectral_radius(coupled: Joined) -> float:
-    """Largest absolute eigenvalue of the amplification matrix; 1 or less where a coupling is stable."""
+    """Largest absolute eigenvalue of the amplification matrix; 1 or less if the coupling is stable."""
     return float(np.abs(np.linalg.eigvals(amplification(coupled))).max())
 
 
 def free_oscillations(coupled: Joined) -> FreeOscillations:
-    """Frequencies and damping of the oscillations: for an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|."""
+    """Frequencies and damping ratios of the oscillations: for an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|."""
     values = np.linalg.eigvals(amplification(coupled))
     values = values[(values.imag > STILL) & (np.abs(values) > STILL)]
     exponents = np.log(values)

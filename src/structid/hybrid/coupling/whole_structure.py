@@ -1,4 +1,4 @@
-"""Both parts as one linear structure: its modes, the specimen's fraction in each, its critical delay."""
+"""Both parts as one linear structure: modes, the specimen's fraction of each modal stiffness, critical delay."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from structid.hybrid.coupling.base import Joined
 
 @dataclass(frozen=True, eq=False)
 class WholeStructure:
-    """Parts tied at their interface, in degrees of freedom of the whole."""
+    """Matrices of both parts, tied at their interface, in the degrees of freedom of the whole structure."""
 
     mass: Float[np.ndarray, "dof dof"]  # M [kg]
     damping: Float[np.ndarray, "dof dof"]  # C [N s/m]
@@ -31,7 +31,7 @@ class WholeStructure:
         maps = np.split(basis, [sides[0].part.dofs])
 
         def tied(name: str) -> np.ndarray:
-            """A matrix of both parts, shape (part, dof, dof)."""
+            """A matrix of each part in these degrees of freedom, shape (part, dof, dof)."""
             return np.stack([z.T @ getattr(s.part, name) @ z for s, z in zip(sides, maps, strict=True)])
 
         return cls(tied("mass").sum(axis=0), tied("damping").sum(axis=0), *tied("stiffness"))
@@ -56,7 +56,7 @@ class WholeStructure:
 
     @property
     def shares(self) -> np.ndarray:
-        """P of every mode: φᵀ K_P φ / ω², the specimen's fraction of its stiffness."""
+        """Fraction p of each modal stiffness that the specimen provides: φᵀ K_P φ / ω²."""
         squares, shapes = self._modes
         return np.asarray(
             np.einsum("im,ij,jm->m", shapes, self.physical, shapes) / np.maximum(squares, np.finfo(float).tiny)

@@ -1,8 +1,8 @@
 """Thirty checks of a server that implements the specimen protocol: required answers, and requests it must refuse.
 
-The only motions requested are to stay at zero, and one beyond a limit, which must be refused. A specimen without declared limits
-is not asked for it.
-At the end the specimen holds its position for good, as it must after a refused move. Restart the server before a test.
+Only two moves are requested: a move to zero, and a move beyond a limit, which must be refused. The second move is omitted if the
+specimen declares no limits. At the end, the specimen holds its position permanently, as required after a refused move. Restart the
+server before a test.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ from structid.hybrid.laboratory.wire import (
 PATIENCE = 3.0
 """Time limit for an answer, or for the end of a connection [s]."""
 GRACE = 0.5
-"""Time beyond its watchdog within which a server must end a session [s]."""
+"""Largest time from the watchdog limit to the end of a session [s]."""
 
 
 class Finding(NamedTuple):
-    """One check."""
+    """Result of one check."""
 
     what: str  # requirement
     passed: bool  # whether it is met
-    came: str = ""  # what happened instead; empty where it passed
+    came: str = ""  # observed behaviour; empty if the check passed
 
 
 class _Failed(Exception):
-    """What a server did instead."""
+    """Behaviour of a server that fails a check."""
 
 
 class _Peer:
-    """A client that may send anything."""
+    """A client that can send arbitrary bytes."""
 
     def __init__(self, where: tuple[str, int], secret: bytes) -> None:
         self.where, self.secret, self.key = where, secret, greeting_key(secret)
@@ -74,11 +74,11 @@ class _Peer:
     def __exit__(self, *_: object) -> None:
         self.connection.close()
 
-    def say(self, message: bytes) -> None:
+    def send(self, message: bytes) -> None:
         """Send bytes."""
         self.connection.sendall(message)
 
-    def hear(self, key: bytes | None = None) -> Frame:
+    def receive(self, key: bytes | None = None) -> Frame:
         """Wait for a frame."""
         frame = received(self.connection, key or self.key, PATIENCE)
         if frame is None:
@@ -88,21 +88,21 @@ class _Peer:
     def greet(self, nonce: bytes | None = None) -> _Peer:
         """Open a session."""
         own_nonce = nonce or secrets.token_bytes(NONCE)
-        self.say(hello(own_nonce, greeting_key(self.secret)))
-        frame = self.hear()
+        self.send(hello(own_nonce, greeting_key(self.secret)))
+        frame = self.receive()
         if frame.kind is not Kind.WELCOME:
             raise _Failed(f"it answered {frame.kind.name}: {frame.payload.decode('utf-8', 'replace')}")
         self.welcome = read_json(Welcome, frame.payload)
         self.key = session_key(self.secret, own_nonce, bytes.fromhex(self.welcome.nonce))
         return self
 
-    def ask(self, kind: Kind, payload: bytes = b"") -> Frame:
+    def request(self, kind: Kind, payload: bytes = b"") -> Frame:
         """Send the next request of a session, and wait for its answer."""
         self.sequence += 1
-        self.say(packed(Frame(kind, self.sequence, payload), self.key))
-        answer = self.hear()
+        self.send(packed(Frame(kind, self.sequence, payload), self.key))
+        answer = self.receive()
         if answer.sequence != self.sequence:
-            raise _Failed(f"the answer to {self.sequence} has the number {answer.sequence}")
+            raise _Failed(f"the answer to request {self.sequence} has the number {answer.sequence}")
         return answer
 
     def expect_end(self, patience: float = PATIENCE) -> None:
@@ -112,7 +112,7 @@ class _Peer:
             if self.connection.recv(1):
                 raise _Failed("it answered")
         except TimeoutError:
-            raise _Failed(f"the connection stands after {patience:g} s") from None
+            raise _Failed(f"the connection is still open after {patience:g} s") from None
         except OSError:
             return
 
@@ -136,23 +136,23 @@ def _headed(key: bytes, *fields: object) -> bytes:
 
 
 def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
-    """Require that a server ends a connection that begins like this."""
+    """Check that a server ends a connection whose first message is `message`."""
 
     def check() -> None:
         with new() as peer:
-            peer.say(message(peer))
+            peer.send(message(peer))
             peer.expect_end()
 
     return check
 
 
 def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
-    """Require that a server ends a session with this second message."""
+    """Check that a server ends a session whose second message is `message`."""
 
     def check() -> None:
         with new() as peer:
-            peer.greet().ask(Kind.PING)
-            peer.say(message(peer))
+            peer.greet().request(Kind.PING)
+            peer.send(message(peer))
             peer.expect_end()
 
     return check
@@ -169,7 +169,7 @@ def _greeting(new: _Open) -> Iterator[_Check]:
         with new() as peer:
             peer.greet(nonce)
             if peer.welcome is None or peer.welcome.client_nonce != nonce.hex():
-                raise _Failed("it repeats another one")
+                raise _Failed("it repeats another nonce")
 
     def nonces_differ() -> None:
         nonce, result = secrets.token_bytes(NONCE), []
@@ -177,52 +177,52 @@ def _greeting(new: _Open) -> Iterator[_Check]:
             with new() as peer:
                 peer.greet(nonce)
                 result.append(peer.welcome.nonce if peer.welcome else "")
-                peer.ask(Kind.CLOSE)
+                peer.request(Kind.CLOSE)
         if result[0] == result[1]:
-            raise _Failed("they are the same")
+            raise _Failed("the nonces of two sessions are equal")
 
-    yield "answers a HELLO by a WELCOME with a valid description", welcomed
+    yield "answers HELLO with WELCOME and a valid description", welcomed
     yield "repeats the client's nonce in its WELCOME", nonce_repeated
-    yield "makes a new nonce for every session", nonces_differ
+    yield "generates a new nonce for every session", nonces_differ
 
 
 def _false_greetings() -> Iterator[tuple[str, _Message]]:
     """Messages that must not start a session."""
     nonce = bytes(NONCE)
     yield "drops a HELLO with another secret", lambda p: hello(nonce, b"another")
-    yield "drops another version of the protocol", lambda p: _headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0)
+    yield "drops a HELLO with another protocol version", lambda p: _headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0)
     yield "drops another protocol", lambda p: b"GET / HTTP/1.1\r\nHost: specimen\r\n\r\n"
-    yield "drops a HELLO with a number that is not 0", lambda p: hello(nonce, p.key, 1)
-    yield "drops a HELLO that is no JSON", lambda p: packed(Frame(Kind.HELLO, 0, b"\xff\xfe"), p.key)
+    yield "drops a HELLO with a sequence number other than 0", lambda p: hello(nonce, p.key, 1)
+    yield "drops a HELLO that is not JSON", lambda p: packed(Frame(Kind.HELLO, 0, b"\xff\xfe"), p.key)
     yield "drops a request before a HELLO", lambda p: packed(Frame(Kind.PING, 1), p.key)
     yield "drops an unknown kind", lambda p: _headed(p.key, MAGIC, VERSION, 77, 0, 0, 0)
     yield "drops a header whose last field is not 0", lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, 0, 1)
     yield (
-        "drops a frame that is too long before it comes",
+        "drops a frame that is too long, before its payload",
         lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, LARGEST_PAYLOAD + 1, 0),
     )
-    yield "drops a connection that says nothing", lambda p: b""
+    yield "drops a silent connection", lambda p: b""
 
 
 def _second_client(new: _Open) -> Iterator[_Check]:
-    """Only one client may control a specimen."""
+    """Check that only one client can control a specimen."""
 
     def one_at_a_time() -> None:
         with new() as first, new() as second:
             first.greet()
-            second.say(hello(bytes(NONCE), second.key))
-            answer = second.hear()
+            second.send(hello(bytes(NONCE), second.key))
+            answer = second.receive()
             if answer.kind is not Kind.REFUSED:
                 raise _Failed(f"it answered {answer.kind.name}")
-            if first.ask(Kind.PING).kind is not Kind.PONG:
-                raise _Failed("the first session broke")
-            first.ask(Kind.CLOSE)
+            if first.request(Kind.PING).kind is not Kind.PONG:
+                raise _Failed("the first session ended")
+            first.request(Kind.CLOSE)
 
     yield "refuses a second client and keeps the first", one_at_a_time
 
 
 def _false_requests() -> Iterator[tuple[str, _Message]]:
-    """Messages that must not be second in a session."""
+    """Messages that a server must refuse as the second message of a session."""
 
     def not_finite(peer: _Peer) -> bytes:
         assert peer.welcome is not None
@@ -238,10 +238,10 @@ def _false_requests() -> Iterator[tuple[str, _Message]]:
     yield "drops a request with one bit changed", one_bit
     yield "drops a replayed request", lambda p: packed(Frame(Kind.PING, 1), p.key)
     yield "drops a request out of order", lambda p: packed(Frame(Kind.PING, 3), p.key)
-    yield "drops an answer in the place of a request", lambda p: packed(Frame(Kind.READING, 2), p.key)
+    yield "drops an answer instead of a request", lambda p: packed(Frame(Kind.READING, 2), p.key)
     yield "drops a second HELLO", lambda p: packed(Frame(Kind.HELLO, 2), p.key)
-    yield "drops a move whose sizes disagree", lambda p: packed(Frame(Kind.MOVE, 2, bytes(13)), p.key)
-    yield "drops a move without a place to go", lambda p: packed(Frame(Kind.MOVE, 2, bytes(12)), p.key)
+    yield "drops a move with inconsistent sizes", lambda p: packed(Frame(Kind.MOVE, 2, bytes(13)), p.key)
+    yield "drops a move without a position", lambda p: packed(Frame(Kind.MOVE, 2, bytes(12)), p.key)
     yield "drops a move that is not finite", not_finite
 
 
@@ -252,19 +252,19 @@ def _session(new: _Open) -> Iterator[_Check]:
         with new() as peer:
             peer.greet()
             for _ in range(3):
-                if (answer := peer.ask(Kind.PING)).kind is not Kind.PONG:
+                if (answer := peer.request(Kind.PING)).kind is not Kind.PONG:
                     raise _Failed(f"it answered {answer.kind.name}")
-            peer.ask(Kind.CLOSE)
+            peer.request(Kind.CLOSE)
 
     def replayed() -> None:
         own_nonce = secrets.token_bytes(NONCE)
         with new() as peer:
             recorded = packed(Frame(Kind.PING, 1), peer.greet(own_nonce).key)
-            peer.ask(Kind.PING)
-            peer.ask(Kind.CLOSE)
+            peer.request(Kind.PING)
+            peer.request(Kind.CLOSE)
         with new() as peer:
             peer.greet(own_nonce)
-            peer.say(recorded)
+            peer.send(recorded)
             peer.expect_end()
 
     def in_pieces() -> None:
@@ -272,11 +272,11 @@ def _session(new: _Open) -> Iterator[_Check]:
             peer.greet()
             message = packed(Frame(Kind.PING, 1), peer.key) + packed(Frame(Kind.PING, 2), peer.key)
             for k in range(0, len(message), 7):
-                peer.say(message[k : k + 7])
-            if [peer.hear().sequence for _ in range(2)] != [1, 2]:
+                peer.send(message[k : k + 7])
+            if [peer.receive().sequence for _ in range(2)] != [1, 2]:
                 raise _Failed("the answers are out of order")
             peer.sequence = 2
-            peer.ask(Kind.CLOSE)
+            peer.request(Kind.CLOSE)
 
     def watched() -> None:
         with new() as peer:
@@ -285,76 +285,76 @@ def _session(new: _Open) -> Iterator[_Check]:
             began, watchdog = time.monotonic(), peer.welcome.watchdog
             peer.expect_end(watchdog + GRACE)
             if time.monotonic() - began < 0.5 * watchdog:
-                raise _Failed(f"it ended after {time.monotonic() - began:.2f} s, and its watchdog is {watchdog:g} s")
+                raise _Failed(f"it ended after {time.monotonic() - began:.2f} s, but its watchdog is {watchdog:g} s")
 
-    yield "answers PING by PONG with the same number", ponged
-    yield "drops a session that is played again", replayed
-    yield "takes requests that come in pieces", in_pieces
-    yield "ends a silent session by its watchdog", watched
+    yield "answers PING with PONG and the same number", ponged
+    yield "drops a replayed session", replayed
+    yield "accepts requests that arrive in pieces", in_pieces
+    yield "ends a silent session after its watchdog time", watched
 
 
 def _motion(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Checks of a specimen that stays in place, and is then asked to exceed a limit."""
+    """Checks of a move to zero, and of a move beyond a limit."""
 
-    def moved(peer: _Peer, place: float) -> Frame:
+    def move(peer: _Peer, place: float) -> Frame:
         assert peer.welcome is not None
         channels = peer.welcome.description.channels
-        return peer.ask(Kind.MOVE, packed_move(np.full((1, len(channels)), place), 1))
+        return peer.request(Kind.MOVE, packed_move(np.full((1, len(channels)), place), 1))
 
     def stays() -> None:
         with new() as peer:
-            answer = moved(peer.greet(), 0.0)
+            answer = move(peer.greet(), 0.0)
             if answer.kind is not Kind.READING:
                 raise _Failed(f"it answered {answer.kind.name}: {answer.payload.decode('utf-8', 'replace')}")
             assert peer.welcome is not None
             read_reading(answer.payload, len(peer.welcome.description.channels))
             if not any(channel.stroke for channel in peer.welcome.description.channels):
                 raise _Failed("no channel of its description has a stroke limit")
-            beyond = moved(peer, 1e9)
+            beyond = move(peer, 1e9)
             if beyond.kind is not Kind.REFUSED:
-                raise _Failed(f"it answered a move of 1e9 m by {beyond.kind.name}")
+                raise _Failed(f"it answered a move of 1e9 m with {beyond.kind.name}")
             peer.expect_end()
 
     def holds() -> None:
         with new() as peer:
-            answer = moved(peer.greet(), 0.0)
+            answer = move(peer.greet(), 0.0)
             if answer.kind is not Kind.REFUSED:
                 raise _Failed(f"it answered {answer.kind.name}")
 
     def serves() -> None:
         with new() as peer:
             peer.greet()
-            if (answer := peer.ask(Kind.CLOSE)).kind is not Kind.CLOSED:
+            if (answer := peer.request(Kind.CLOSE)).kind is not Kind.CLOSED:
                 raise _Failed(f"it answered {answer.kind.name}")
             peer.expect_end()
 
-    yield "reads at its place, and refuses a move beyond its limits", stays
+    yield "reads at its position, and refuses a move beyond its limits", stays
     yield "holds its position in every later session", holds
-    yield "serves on", serves
+    yield "continues to serve", serves
 
 
 @check_arguments
 def conformance(address: str, secret: str | bytes) -> list[Finding]:
-    """Check a server.
+    """Check a server of the specimen protocol.
 
     Parameters
     ----------
     address : str
         Host and port.
     secret : str or bytes
-        Shared with it.
+        Secret shared with the server.
 
     Returns
     -------
     list of Finding
-        Thirty, in the order in which they were made.
+        Thirty results, in the order of the checks.
 
     Raises
     ------
     InputError
-        If address or secret are none.
+        If the address or the secret is invalid.
     SpecimenError
-        If nobody answers there.
+        If no server answers at the address.
 
     Examples
     --------

@@ -1,17 +1,16 @@
-"""A bridge to laboratories whose site server speaks OpenFresco's generic TCP dialect. No authentication: loopback or tunnel only.
+"""Client for site servers with OpenFresco's generic TCP protocol. It has no authentication: use the loopback or a tunnel only.
 
-What its public sources (OpenFresco 2.8 and OpenSees' GenericClient) put on the wire, all in the byte order of x86, little-endian:
+Its public sources (OpenFresco 2.8 and OpenSees' GenericClient) define these messages, in the byte order of x86, little-endian:
 
-* the client connects, and sends eleven 32-bit integers: numbers of displacements, velocities, accelerations, forces and times that
-  it commands, the same five that it wants to acquire, and D, the length of every later message;
-* every message, in both directions, is D 64-bit floating-point numbers. A request begins with its code, then the commanded
-  quantities; an answer has the acquired quantities from its first number on. What lies behind them is nobody's;
-* code 3 commands (no answer), 6 acquires (answered), 5 commits a step (no answer), 99 ends the session (no answer).
+* The client connects and sends eleven 32-bit integers. Five give the numbers of commanded displacements, velocities, accelerations,
+  forces and times, and five the numbers of acquired quantities. The last integer, D, is the length of every later message.
+* Every later message, in both directions, has D 64-bit floating-point numbers. A request contains its code and the commanded
+  quantities; an answer begins with the acquired quantities. The numbers after them have no meaning.
+* Code 3 sends commands, 5 commits a step, and 99 ends the session, all without an answer. Code 6 acquires and has an answer.
 
-There is no secret, no sequence number, no checksum, no limit and no time-out in it. This client adds what can be added on its side:
-limits of stroke and velocity that are checked before a command goes out, a time-out for every answer, and a refusal of addresses
-that are not this machine's own. A site server does not notice a connection that is cut: it waits for ever, and holds its last
-command.
+The protocol has no secret, sequence number, checksum, limit or time-out. This client checks limits of stroke and velocity before it
+sends a command, has a time-out for every answer, and refuses addresses of other machines. A site server does not detect a broken
+connection: it waits forever and holds its last command.
 """
 
 from __future__ import annotations
@@ -35,32 +34,32 @@ COMMAND, COMMIT, ACQUIRE, DIE = 3.0, 5.0, 6.0, 99.0
 CONNECTING = 5.0
 """Time limit for a connection [s]."""
 SILENCE = 1.0
-"""Time beyond its motion within which an answer must come [s]."""
+"""Largest time from the end of a move to its answer [s]."""
 LOOPBACKS = ("127.0.0.1", "::1", "localhost")
 
 
 @check_arguments
 class OpenFrescoSpecimen(Specimen):
-    """A specimen behind a site server of OpenFresco's generic dialect.
+    """A specimen behind a site server with OpenFresco's generic TCP protocol.
 
-    The server brings the specimen to a target by itself, so only the end of each path is sent. The session begins with the first
-    move, and is the only one.
+    The server itself moves the specimen to a target, so only the end of each path is sent. The session begins with the first
+    move and cannot be repeated.
 
     Parameters
     ----------
     address : str
-        Host and port, of this machine: a server elsewhere is reached through a tunnel (``ssh -L``).
+        Host and port on this machine; use a tunnel (``ssh -L``) to a server on another machine.
     description : SpecimenDescription
-        What it is: the dialect does not say. Its limits are checked here, before a command goes out.
+        Description of the specimen, which the protocol does not send. Its limits are checked before a command is sent.
     silence : float
-        How much longer than its motion an answer may take [s]. Then the test ends.
+        Largest time from the end of a move to its answer [s]; after it, the test ends.
     unprotected : bool
-        Whether another machine may be addressed, on a network on which everybody is trusted.
+        Whether another machine is allowed; for networks with trusted users only.
 
     Raises
     ------
     InputError
-        If the address is not this machine's, and `unprotected` is not set.
+        If the address is on another machine and `unprotected` is not set.
 
     Examples
     --------
@@ -77,7 +76,7 @@ class OpenFrescoSpecimen(Specimen):
                 "OpenFrescoSpecimen.address",
                 f"'{address}'",
                 "an address of this machine, such as 127.0.0.1:8090",
-                "This dialect has no authentication: whoever reaches the server moves the specimen. Use a tunnel, such as "
+                "This protocol has no authentication: anyone who reaches the server can move the specimen. Use a tunnel, such as "
                 f"ssh -L {self._where[1]}:127.0.0.1:{self._where[1]} {self._where[0]}.",
             )
         self.address, self.silence, self._description = address, silence, description
@@ -87,17 +86,17 @@ class OpenFrescoSpecimen(Specimen):
         self._last, self._over = np.zeros(count), ""
 
     def describe(self) -> SpecimenDescription:
-        """Say what it is, as it was told; see `Specimen.describe`."""
+        """Description that the user has given; see `Specimen.describe`."""
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
         """Command the end of a path, acquire, and commit; see `Specimen.move`."""
         if self._over:
-            raise SpecimenError(f"The session is over: {self._over} A test is not resumed.")
+            raise SpecimenError(f"The session is over: {self._over} A test is never resumed.")
         path = np.atleast_2d(np.asarray(path, dtype=np.float64))
         if refusal := self._description.refusal(self._last, path):
             self.hold(refusal)
-            raise SpecimenError(f"Refused before it was sent: {refusal}.")
+            raise SpecimenError(f"The move was refused before it was sent: {refusal}.")
         began = time.monotonic()
         patience = len(path) * self._description.controller_step + self.silence
         try:
@@ -112,22 +111,22 @@ class OpenFrescoSpecimen(Specimen):
             raise SpecimenError(f"The session is over: {self._over}") from None
         self._last, count = path[-1], len(self._last)
         if not np.isfinite(acquired[: 2 * count]).all():
-            self.hold("its answer is not finite")
-            raise SpecimenError("Its answer is not finite.")
+            self.hold("the answer of the server is not finite")
+            raise SpecimenError("The answer of the server is not finite.")
         return Reading(acquired[:count], acquired[count : 2 * count])
 
     def hold(self, reason: str) -> None:
-        """Command nothing more; the server holds its last command; see `Specimen.hold`."""
+        """Send no further command; the server holds its last command; see `Specimen.hold`."""
         self._end(f"{reason}.")
 
     def close(self) -> None:
         """End the session by its code; see `Specimen.close`."""
-        self._end("it was closed.")
+        self._end("the test closed it.")
 
-    # --- the wire -----------------------------------------------------------------------------------------------
+    # --- messages -----------------------------------------------------------------------------------------------
 
     def _opened(self) -> socket.socket:
-        """Connect, and declare what will be commanded and acquired."""
+        """Connect, and declare the commanded and the acquired quantities."""
         try:
             connection = socket.create_connection(self._where, CONNECTING)
         except OSError as error:
@@ -141,7 +140,7 @@ class OpenFrescoSpecimen(Specimen):
         return connection
 
     def _send(self, code: float, commanded: np.ndarray | None = None) -> None:
-        assert self._connection is not None  # move has opened it
+        assert self._connection is not None  # opened by move
         message = np.zeros(self._length, dtype="<f8")
         message[0] = code
         if commanded is not None:
@@ -151,17 +150,17 @@ class OpenFrescoSpecimen(Specimen):
 
     def _received(self, deadline: float) -> np.ndarray:
         """Wait for an answer."""
-        assert self._connection is not None  # move has opened it
+        assert self._connection is not None  # opened by move
         content = b""
         while len(content) < 8 * self._length:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                raise OSError("it is silent")
+                raise OSError("the server is silent")
             self._connection.settimeout(left)
             try:
                 piece = self._connection.recv(8 * self._length - len(content))
             except TimeoutError:
-                raise OSError("it is silent") from None
+                raise OSError("the server is silent") from None
             if not piece:
                 raise OSError("it was closed by the server")
             content += piece

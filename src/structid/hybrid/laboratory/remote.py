@@ -28,7 +28,7 @@ from structid.hybrid.laboratory.wire import (
 )
 
 SILENCE = 0.05
-"""Time beyond its motion within which an answer must come [s]."""
+"""Largest time from the end of a move to its answer [s]."""
 CONNECTING = 5.0
 """Time limit for a connection and a greeting [s]."""
 
@@ -37,17 +37,17 @@ CONNECTING = 5.0
 class RemoteSpecimen(Specimen):
     """A specimen behind a socket, served by `SpecimenServer` or by a laboratory's own program.
 
-    It is described in a short session of its own. The session that moves it begins with the first move, and is the only one: after
-    any error it is over, and the specimen holds its position.
+    A short separate session reads its description. The session for the moves begins with the first move and cannot be repeated:
+    after any error it is over, and the specimen holds its position.
 
     Parameters
     ----------
     address : str
         Host and port, such as ``"127.0.0.1:7700"``.
     secret : str or bytes
-        Shared with the server, 16 characters or more.
+        Secret shared with the server, 16 bytes or more.
     silence : float
-        How much longer than its motion an answer may take [s]. Then the test ends.
+        Largest time from the end of a move to its answer [s]; after it, the test ends.
 
     Examples
     --------
@@ -81,22 +81,22 @@ class RemoteSpecimen(Specimen):
             answer = received(connection, key, CONNECTING)
             if answer is None:
                 raise WireError(
-                    f"{self.address} closed the connection instead of a greeting. Both sides need the same secret and version."
+                    f"{self.address} closed the connection without a greeting. Use the same secret and version on both sides."
                 )
             if answer.kind is Kind.REFUSED:
                 raise SpecimenError(answer.payload.decode("utf-8", "replace"))
             welcome = read_json(Welcome, answer.payload)
             if answer.kind is not Kind.WELCOME or welcome.client_nonce != nonce.hex():
-                raise WireError("An old or foreign answer came instead of a WELCOME.")
+                raise WireError("The answer to HELLO is not a WELCOME, or belongs to another HELLO.")
         except BaseException:
             connection.close()
             raise
         return connection, session_key(self._secret, nonce, bytes.fromhex(welcome.nonce)), welcome.description
 
     def _asked(self, kind: Kind, payload: bytes, patience: float) -> Frame:
-        """Send a request and wait for its answer; anything else ends the session."""
+        """Send a request and wait for its answer; any other message ends the session."""
         if self._over:
-            raise SpecimenError(f"The session is over: {self._over} A test is not resumed.")
+            raise SpecimenError(f"The session is over: {self._over} A test is never resumed.")
         try:
             if self._connection is None:
                 self._connection, self._key, self._description = self._open()
@@ -104,7 +104,7 @@ class RemoteSpecimen(Specimen):
             send(self._connection, Frame(kind, self._sent, payload), self._key, CONNECTING)
             answer = received(self._connection, self._key, patience)
             if answer is None:
-                raise WireError("The specimen's side closed the connection.")
+                raise WireError("The server closed the connection.")
             if answer.kind is Kind.REFUSED:
                 raise SpecimenError(answer.payload.decode("utf-8", "replace"))
             if answer.sequence != self._sent or answer.kind != kind + 1:
@@ -119,10 +119,10 @@ class RemoteSpecimen(Specimen):
         if self._connection is not None:
             self._connection.close()
 
-    # --- its face -----------------------------------------------------------------------------------------------
+    # --- specimen interface -------------------------------------------------------------------------------------
 
     def describe(self) -> SpecimenDescription:
-        """Ask what it is, once; see `Specimen.describe`."""
+        """Request the description once; see `Specimen.describe`."""
         if self._description is None:
             connection, key, self._description = self._open()
             with connection:
@@ -131,7 +131,7 @@ class RemoteSpecimen(Specimen):
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Have it follow a path; see `Specimen.move`."""
+        """Send a path and wait for the reading; see `Specimen.move`."""
         description = self.describe()
         path = np.atleast_2d(np.asarray(path, dtype=np.float64))
         patience = len(path) * description.controller_step + self.silence
@@ -143,12 +143,12 @@ class RemoteSpecimen(Specimen):
             raise
 
     def hold(self, reason: str) -> None:
-        """Have it hold its position; it does so by itself where it cannot be told; see `Specimen.hold`."""
+        """Request the specimen to hold its position, as it does without a connection; see `Specimen.hold`."""
         if self._connection is not None and not self._over:
             try:
                 self._asked(Kind.HOLD, reason.encode(), self.silence)
             except SpecimenError:
-                return  # a specimen that hears nothing holds, too
+                return  # without a connection, the specimen holds its position
         self._end(reason)
 
     def close(self) -> None:
@@ -158,8 +158,8 @@ class RemoteSpecimen(Specimen):
                 self._asked(Kind.CLOSE, b"", self.silence)
             except SpecimenError:
                 return
-        self._end("It was closed.")
+        self._end("The test closed it.")
 
     def released(self) -> RemoteSpecimen:
-        """The same address, where a specimen that was made ready answers in a new session; see `Specimen.released`."""
+        """Client for a new session with the released specimen at the same address; see `Specimen.released`."""
         return RemoteSpecimen(self.address, self._secret, self.silence)

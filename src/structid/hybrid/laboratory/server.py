@@ -1,4 +1,4 @@
-"""The server process of a specimen: one test at a time, only authenticated requests in order, and hold when in doubt."""
+"""Server of a specimen: it serves one test at a time, accepts only authenticated requests in order, and holds after errors."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ WATCHDOG = 1.0
 GREETING = 1.0
 """Time limit for a client's HELLO [s]."""
 CHANGE_OVER = 0.2
-"""Time for which a client waits for a session that is ending [s]."""
+"""Time for which a new client waits for the end of the previous session [s]."""
 MOST_CONNECTIONS = 32
-"""Largest number of simultaneous connections, unauthenticated ones included; more are closed at once."""
+"""Largest number of simultaneous connections, with or without authentication; further connections are closed."""
 LOOPBACK = "127.0.0.1"
 
 Log = Callable[[str], None]
@@ -56,7 +56,7 @@ def parsed_address(address: str) -> tuple[str, int]:
 
 @dataclass
 class _Session:
-    """One client: its connection, the key, the number of the last request, and whether the specimen has moved for it."""
+    """One session: connection, key, number of the last request, and whether the specimen has moved in it."""
 
     connection: socket.socket
     key: bytes
@@ -68,7 +68,7 @@ class _Session:
 def _without_long_pauses() -> Iterator[None]:
     """Exclude the process's current objects from Python's garbage collection.
 
-    Scanning all objects of JAX takes 50 ms and more; during a test a client would take it for silence.
+    Scanning all objects of JAX takes 50 ms or more; a client would treat this pause as silence and end the test.
     """
     gc.freeze()
     try:
@@ -79,28 +79,28 @@ def _without_long_pauses() -> Iterator[None]:
 
 @check_arguments
 class SpecimenServer:
-    """Serves a specimen to hybrid tests, on the loopback unless told otherwise.
+    """Server of a specimen for hybrid tests, by default on the loopback interface.
 
-    A frame that is late, malformed, forged, out of order or not finite ends the session, and so does a connection that closes. If
-    the specimen has moved in it, it then holds its last accepted position for good. Strangers are refused and change nothing.
+    A frame that is late, malformed, forged, out of order or not finite ends the session; so does a closed connection. If the
+    specimen has moved in it, it then holds its last accepted position permanently. Refused clients have no effect.
 
     Parameters
     ----------
     specimen : Specimen
-        What is served.
+        Specimen to serve.
     secret : str or bytes
-        Shared with the client, 16 characters or more.
+        Secret shared with the client, 16 bytes or more.
     host : str
-        Where it listens.
+        Address on which the server listens.
     port : int
-        0 takes a free one.
+        Port of the server; 0 selects a free port.
     watchdog : float
-        Silence in a session after which it ends [s].
+        Duration of silence after which a session ends [s].
     releases : bool
-        Whether a simulated specimen is unloaded and zeroed for the next test when a client has closed its session in order. It
-        holds after an error all the same.
+        Whether a simulated specimen is unloaded and zeroed for the next test after a client has closed its session in order.
+        After an error, it always holds its position.
     log : callable, optional
-        Called with a sentence for everything that happens.
+        Called with one sentence for every event.
 
     Examples
     --------
@@ -127,21 +127,19 @@ class SpecimenServer:
     ) -> None:
         self.specimen, self.watchdog, self.releases = specimen, watchdog, releases
         if releases and not specimen.describe().simulated:
-            raise InputError("server: releases", "a specimen that is a structure", "a simulated one, or releases=False")
-        self._secret, self._log = checked_secret(secret), log or (lambda said: None)
+            raise InputError("server: releases", "a structure as specimen", "a simulated specimen, or releases=False")
+        self._secret, self._log = checked_secret(secret), log or (lambda message: None)
         self._busy, self._stopping = threading.Lock(), threading.Event()
         try:
             self._listening = socket.create_server((host, port))
         except OSError as error:
-            raise InputError(
-                "server", f"{host}:{port} cannot be listened at: {error.strerror}", "a free port"
-            ) from None
+            raise InputError("server", f"{host}:{port} is not available: {error.strerror}", "a free port") from None
         self._listening.settimeout(0.2)
         self._threads: list[threading.Thread] = []
 
     @property
     def address(self) -> str:
-        """Address on which it listens, such as ``"127.0.0.1:7700"``."""
+        """Address on which the server listens, such as ``"127.0.0.1:7700"``."""
         host, port = self._listening.getsockname()[:2]
         return f"{host}:{port}"
 
@@ -173,25 +171,25 @@ class SpecimenServer:
                     return
                 self._threads = [t for t in self._threads if t.is_alive()]
                 if len(self._threads) > MOST_CONNECTIONS:
-                    connection.close()  # strangers that fill the house get nothing, and no memory
+                    connection.close()  # too many connections: close it without using memory
                     continue
                 thread = threading.Thread(target=self._client, args=(connection, f"{peer[0]}:{peer[1]}"), daemon=True)
                 self._threads.append(thread)
                 thread.start()
 
     def _client(self, connection: socket.socket, peer: str) -> None:
-        """One connection, from HELLO to its end."""
+        """Handle one connection from HELLO to its end."""
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         with connection:
             session = None
             try:
                 session = self._greeted(connection)
                 if session is not None:
-                    self._log(f"{peer}: a session began")
+                    self._log(f"{peer}: the session has started")
                     self._obey(session)
                     self._log(f"{peer}: the session has ended")
             except Exception as error:
-                # Whatever it was, also of the specimen's own program: the session is over, and nothing moves any more.
+                # After any error, also in the specimen's own program, the session is over and nothing moves.
                 self._log(f"{peer}: {error}")
                 if session is not None and session.moved:
                     self.specimen.hold(str(error))
@@ -200,16 +198,16 @@ class SpecimenServer:
                     self._busy.release()
 
     def _greeted(self, connection: socket.socket) -> _Session | None:
-        """Answer a HELLO; None where the client is refused. The specimen is reserved for this session until it ends."""
+        """Answer a HELLO; None if the client is refused. The specimen is reserved for this session until it ends."""
         key = greeting_key(self._secret)
         frame = received(connection, key, GREETING, LARGEST_GREETING)
         if frame is None:
             return None
         if frame.kind is not Kind.HELLO or frame.sequence != 0:
-            raise WireError("A session begins with HELLO.")
+            raise WireError("The first message of a session is not HELLO.")
         hello = read_json(Hello, frame.payload)
         if not self._busy.acquire(timeout=CHANGE_OVER):
-            send(connection, Frame(Kind.REFUSED, 0, b"Another test has this specimen."), key, GREETING)
+            send(connection, Frame(Kind.REFUSED, 0, b"Another test uses this specimen."), key, GREETING)
             return None
         try:
             nonce = secrets.token_bytes(NONCE)
@@ -230,9 +228,11 @@ class SpecimenServer:
         while not self._stopping.is_set():
             frame = received(session.connection, session.key, self.watchdog)
             if frame is None:
-                raise WireError("The client has gone without closing the session.")
+                raise WireError("The client closed the connection without closing the session.")
             if frame.sequence != session.last + 1:
-                raise WireError(f"Request {frame.sequence} came, and {session.last + 1} was due: replayed or lost.")
+                raise WireError(
+                    f"Request {frame.sequence} came, expected {session.last + 1}: a request was replayed or lost."
+                )
             session.last = frame.sequence
             answer = self._answer(session, frame)
             send(session.connection, answer._replace(sequence=frame.sequence), session.key, self.watchdog)
@@ -247,7 +247,7 @@ class SpecimenServer:
             case Kind.PING:
                 return Frame(Kind.PONG, 0)
             case Kind.HOLD:
-                self.specimen.hold(frame.payload.decode("utf-8", "replace") or "the client asked for it")
+                self.specimen.hold(frame.payload.decode("utf-8", "replace") or "the client requested it")
                 return Frame(Kind.HELD, 0)
             case Kind.CLOSE:
                 if session.moved:
@@ -263,7 +263,7 @@ class SpecimenServer:
                     self.specimen.hold(str(error))
                     return Frame(Kind.REFUSED, 0, str(error).encode())
             case _:
-                raise WireError(f"A {frame.kind.name} came, which is no request.")
+                raise WireError(f"{frame.kind.name} is not a request.")
 
     def _close(self) -> None:
         """End a session that has moved the specimen."""

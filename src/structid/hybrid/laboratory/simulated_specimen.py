@@ -16,9 +16,9 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenChann
 from structid.mechanics.restoring_forces import CollapseError, RestoringForce
 
 RELEASED = 1e-7
-"""Force of an unloaded specimen relative to its largest one."""
+"""Largest force of an unloaded specimen, relative to its peak force."""
 MOST_RELEASES = 2000
-"""Largest number of moves towards it."""
+"""Largest number of moves that unload a specimen."""
 
 
 @check_arguments
@@ -28,23 +28,23 @@ class SimulatedSpecimen(Specimen):
     Parameters
     ----------
     structure : RestoringForce
-        Of the structure's degrees of freedom, which are the channels.
+        Restoring force of the structure, whose degrees of freedom are the channels.
     actuators : Actuator or sequence of Actuator
-        One for all channels, or one for each.
+        One actuator for all channels, or one actuator per channel.
     channels : sequence of str
         Names of the channels.
     units : sequence of str, optional
-        ``"m"`` or ``"rad"`` of each; metres when left out.
+        Unit of each channel, ``"m"`` or ``"rad"``; default: metres.
     stiffness : array-like, shape (channel, channel), optional
-        Initial stiffness, if it is to be told.
+        Initial stiffness, if the description of the specimen contains it.
     controller_step : float
-        T_c [s].
+        Controller step T_c [s].
     seed : int
-        Of the sensors' noise.
+        Seed of the sensor noise.
     name : str
-        Of the specimen.
+        Name of the specimen.
     real_time : bool
-        Whether a move takes as long as it would in a laboratory.
+        Whether a move takes its real time, as in a laboratory.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class SimulatedSpecimen(Specimen):
         each = (one,) * len(names) if isinstance(one, Actuator) else tuple(one)
         if len(each) != len(names):
             raise InputError(
-                "SimulatedSpecimen.actuators", f"{len(each)}", f"one for all, or {len(names)}, one a channel"
+                "SimulatedSpecimen.actuators", f"{len(each)} actuators", f"1 for all channels, or {len(names)}"
             )
         self.structure, self.real_time = structure, real_time
         self._seed, self._transfer = seed, TransferSystem(each, controller_step, seed)
@@ -104,7 +104,7 @@ class SimulatedSpecimen(Specimen):
         self._held = ""
 
     def describe(self) -> SpecimenDescription:
-        """Say what it is; see `Specimen.describe`."""
+        """Description of the specimen; see `Specimen.describe`."""
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
@@ -112,25 +112,25 @@ class SimulatedSpecimen(Specimen):
         began = time.perf_counter()
         if self._held:
             raise SpecimenError(
-                f"It holds its position: {self._held}. A test is not resumed; end it and look at the specimen."
+                f"The specimen holds its position: {self._held}. End the test and inspect the specimen; tests are never resumed."
             )
         path = np.asarray(path, dtype=np.float64)
         if refusal := self._description.refusal(self._command, path):
             self.hold(refusal)
-            raise SpecimenError(f"Refused before it moved: {refusal}.")
+            raise SpecimenError(f"The move was refused before it started: {refusal}.")
         places = self._transfer.followed(path)
         self._command = path[-1]
         last = max(len(places) - averaged, 0)
         try:
             forces = self._forces(self._datum + places, last)
         except CollapseError as collapse:
-            self.hold(f"it has failed: {collapse}")
+            self.hold(f"the structure has failed: {collapse}")
             raise SpecimenError(f"The structure has failed: {collapse}") from None
         displacement, force = (x.mean(axis=0) for x in self._transfer.seen(places[last:], forces))
         for k, channel in enumerate(self._description.channels):
             if channel.force is not None and abs(force[k]) > channel.force:
-                self.hold(f"{channel.name}: a force of {force[k]:.6g} N, and its limit is {channel.force:.6g}")
-                raise SpecimenError(f"It stopped where it was: {self._held}.")
+                self.hold(f"{channel.name}: a force of {force[k]:.6g} N exceeds its limit of {channel.force:.6g}")
+                raise SpecimenError(f"The specimen stopped at its position: {self._held}.")
         if self.real_time:
             time.sleep(max(len(path) * self._description.controller_step - (time.perf_counter() - began), 0.0))
         return Reading(displacement, force)
@@ -138,7 +138,7 @@ class SimulatedSpecimen(Specimen):
     def _forces(self, places: np.ndarray, last: int) -> np.ndarray:
         """Forces at the positions from index `last` on, after the whole path.
 
-        A rate-independent structure depends on the turning points of its path, not on every controller step. It is moved to
+        A rate-independent structure depends on the turning points of its path, not on every controller step. It moves only to
         turning points, to positions `largest_move` apart, and to both ends of the averaged range; forces between them are
         interpolated.
         """
@@ -160,7 +160,7 @@ class SimulatedSpecimen(Specimen):
         self._largest = max(self._largest, float(np.abs(self._force - self._static).max()))
 
     def _kept(self, places: np.ndarray, last: int) -> list[int]:
-        """Indices of the positions, counted from the second one, to which the structure is moved."""
+        """Indices of the positions to which the structure moves; index 0 is the second position."""
         steps = np.diff(places, axis=0)
         turns = np.any(np.sign(steps[1:]) * np.sign(steps[:-1]) < 0.0, axis=1)
         far = np.floor(np.cumsum(np.abs(steps).max(axis=1)) / self.structure.largest_move)
@@ -178,9 +178,9 @@ class SimulatedSpecimen(Specimen):
         self.hold("the session was closed")
 
     def released(self) -> SimulatedSpecimen:
-        """Unload it to its first force, and call that place zero; see `Specimen.released`."""
+        """Unload the specimen to its initial force and set its zero there; see `Specimen.released`."""
         if self._description.stiffness is None:
-            raise InputError("SimulatedSpecimen.stiffness", "nothing", "its initial stiffness", "It unloads with it.")
+            raise InputError("SimulatedSpecimen.stiffness", "missing", "the initial stiffness", "Unloading needs it.")
         after = copy(self)
         after._unload(np.array(self._description.stiffness))
         after._datum, after._held, after._command = after._place, "", 0.0 * after._place
@@ -200,7 +200,7 @@ class SimulatedSpecimen(Specimen):
         return after
 
     def _unload(self, stiffness: np.ndarray) -> None:
-        """Move it until its force is the initial one. With the largest stiffness no move overshoots."""
+        """Move the specimen until its force is the initial force. With the largest stiffness, no move overshoots."""
         back = np.linalg.inv(stiffness)
         for _ in range(MOST_RELEASES):
             excess = self._force - self._static
@@ -211,14 +211,14 @@ class SimulatedSpecimen(Specimen):
             start = self._place
             for piece in range(1, pieces + 1):
                 self._impose(start + piece / pieces * move)
-        raise SpecimenError(f"It could not be unloaded: {np.abs(excess).max():.3g} N are left.")
+        raise SpecimenError(f"The specimen could not be unloaded: a force of {np.abs(excess).max():.3g} N remains.")
 
     @property
     def held(self) -> str:
-        """Why it holds its position; empty while it may move."""
+        """Reason why the specimen holds its position; empty while it can move."""
         return self._held
 
     @property
     def position(self) -> np.ndarray:
-        """Position of its pistons, relative to its zero, shape (channel,) [m]."""
+        """Position of the pistons, relative to the zero, shape (channel,) [m]."""
         return self._place - self._datum

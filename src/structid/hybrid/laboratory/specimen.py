@@ -1,4 +1,4 @@
-"""The interface of a specimen: it describes itself, moves, holds its position, and refuses what exceeds its limits."""
+"""Interface of a specimen: its description, moves, refusals beyond its limits, and holding of its position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 MOST_CHANNELS = 64
 LONGEST_PATH = 100_000
-"""Controller steps in one move: a hundred seconds at 1 ms."""
+"""Largest number of controller steps in one move: a hundred seconds at 1 ms."""
 
 
 class SpecimenError(StructidError):
@@ -36,33 +36,29 @@ class SpecimenChannel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    name: str  # name
+    name: str  # name of the channel
     unit: Literal["m", "rad"] = "m"  # unit of its displacement; its force is in N or N m
-    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
-    stroke: Positive | None = None
-    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
-    velocity: Positive | None = None
-    # Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none
-    force: Positive | None = None
-    # By which the piston follows its command, as measured by the laboratory [s] of wall time
+    stroke: Positive | None = None  # largest absolute displacement [unit]; None for no limit
+    velocity: Positive | None = None  # largest absolute velocity [unit/s] of wall time; None for no limit
+    force: Positive | None = None  # largest absolute force [N] or [N m]; None for no limit
+    # Delay of the piston relative to its command, as measured by the laboratory [s] of wall time
     delay: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
 
 
 class SpecimenDescription(BaseModel):
-    """A specimen's description of itself before a test."""
+    """Description of a specimen, which it sends before a test."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str  # name of the specimen
-    # What can be moved, in the order of every vector
+    # Channels that can be moved, in the order of all vectors
     channels: Annotated[tuple[SpecimenChannel, ...], Field(min_length=1, max_length=MOST_CHANNELS)]
     controller_step: Positive = 1e-3  # T_c [s] of wall time
-    simulated: bool = False  # whether it is a program. A test on a program may be resumed; one on a structure never
-    stiffness: tuple[tuple[float, ...], ...] | None = None  # initial stiffness in its channels, if known
-    # Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again
+    simulated: bool = False  # whether it is a program; a test on a structure is never resumed
+    stiffness: tuple[tuple[float, ...], ...] | None = None  # initial stiffness of the channels, if known
+    # Present zero of the channels, relative to their first zero; None if it was never reset
     datum: tuple[Finite, ...] | None = None
-    # Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to
-    # itself
+    # Largest number of controller steps of a move; 1 for a specimen that generates its own ramps and limits their velocity
     longest_path: Annotated[int, Field(ge=1, le=LONGEST_PATH)] = LONGEST_PATH
     software: str = ""  # software that drives it
 
@@ -70,27 +66,29 @@ class SpecimenDescription(BaseModel):
     def _square(self) -> Self:
         if self.stiffness is not None and np.shape(self.stiffness) != (len(self.channels),) * 2:
             raise ValueError(
-                f"stiffness has the shape {np.shape(self.stiffness)}, and there are {len(self.channels)} channels"
+                f"stiffness has the shape {np.shape(self.stiffness)}, but there are {len(self.channels)} channels"
             )
         if self.datum is not None and len(self.datum) != len(self.channels):
-            raise ValueError(f"datum has {len(self.datum)} numbers, and there are {len(self.channels)} channels")
+            raise ValueError(f"datum has {len(self.datum)} numbers, but there are {len(self.channels)} channels")
         return self
 
     def refusal(self, last: Float[np.ndarray, " channel"], path: Float[np.ndarray, "sample channel"]) -> str | None:
-        """Explain why a path exceeds the specimen's limits; decided before anything moves."""
+        """Reason why a path exceeds the specimen's limits, or None; computed before anything moves."""
         count = len(self.channels)
         if path.ndim != 2 or path.shape[1] != count or not 1 <= len(path) <= self.longest_path:
-            return f"a path of shape {path.shape}; it has {count} channels and takes 1 to {self.longest_path} steps"
+            return f"a path of shape {path.shape} does not have {count} channels and 1 to {self.longest_path} steps"
         if not np.isfinite(path).all():
-            return "a command that is not finite"
+            return "a command is not finite"
         rates = np.abs(np.diff(path, axis=0, prepend=last[None])).max(axis=0) / self.controller_step
         for k, channel in enumerate(self.channels):
             farthest = float(np.abs(path[:, k]).max())
             if channel.stroke is not None and farthest > channel.stroke:
-                return f"{channel.name}: a displacement of {farthest:.6g} {channel.unit}, and its limit is {channel.stroke:.6g}"
-            fastest = None if self.longest_path == 1 else channel.velocity  # its own ramps are its own care
+                return f"{channel.name}: a displacement of {farthest:.6g} {channel.unit} exceeds its limit of {channel.stroke:.6g}"
+            fastest = None if self.longest_path == 1 else channel.velocity  # it limits the velocity of its own ramps
             if fastest is not None and rates[k] > fastest * (1.0 + 1e-9):
-                return f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s, and its limit is {fastest:.6g}"
+                return (
+                    f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s exceeds its limit of {fastest:.6g}"
+                )
         return None
 
 
@@ -98,14 +96,14 @@ class Reading(NamedTuple):
     """Measurements at the end of a move, averaged over its last controller steps."""
 
     displacement: Float[np.ndarray, " channel"]  # u_m [m]
-    force: Float[np.ndarray, " channel"]  # force of the specimen against it [N]
+    force: Float[np.ndarray, " channel"]  # reaction force of the specimen [N]
 
 
 class Specimen(ABC):
     """A structure in a laboratory, or a program in its place.
 
-    It owns its limits. It refuses what exceeds them before it moves, and after an error it holds its last accepted position for
-    good: a hysteretic specimen cannot be moved back.
+    A specimen has its own limits, and refuses a path beyond them before any movement. After an error, it holds its last accepted
+    position permanently, because a hysteretic specimen cannot return to an earlier state.
 
     Examples
     --------
@@ -123,24 +121,24 @@ class Specimen(ABC):
 
     @abstractmethod
     def describe(self) -> SpecimenDescription:
-        """Say what it is.
+        """Description of the specimen.
 
         Returns
         -------
         SpecimenDescription
-            The same at every call.
+            The same description at every call.
         """
 
     @abstractmethod
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Follow a path, and read.
+        """Follow a path, and read the sensors at its end.
 
         Parameters
         ----------
         path : ndarray, shape (sample, channel)
-            Commands, one a controller step [m].
+            Commands, one per controller step [m].
         averaged : int
-            Over how many of the last controller steps the reading is averaged.
+            Number of final controller steps over which the reading is averaged.
 
         Returns
         -------
@@ -150,7 +148,7 @@ class Specimen(ABC):
         Raises
         ------
         SpecimenError
-            If it refuses; it then holds its last accepted position.
+            If the specimen refuses the path; it then holds its last accepted position.
         """
 
     @abstractmethod
@@ -160,27 +158,27 @@ class Specimen(ABC):
         Parameters
         ----------
         reason : str
-            Why, for its log.
+            Reason, for the log of the specimen.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """End the session; it holds its position."""
+        """End the session; the specimen holds its position."""
 
     def released(self) -> Specimen:
-        """The specimen of the next test, after this one's session was closed: unloaded by its operator, and zeroed again.
+        """Specimen for the next test, after its session was closed: unloaded by its operator, with a new zero.
 
-        Its damage stays. Where its zero is now, it says as the ``datum`` of its description.
+        Its damage remains. The ``datum`` of its description gives the new zero.
 
         Returns
         -------
         Specimen
-            Ready to be moved.
+            Specimen that is ready to move.
 
         Raises
         ------
         SpecimenError
-            If only its operator can make it ready.
+            If only its operator can unload and zero it.
         """
         raise SpecimenError(
             f"'{self.describe().name}' must be unloaded and zeroed by its operator before another test."

@@ -19,19 +19,19 @@ TARE = 1.0
 
 
 class Move(NamedTuple):
-    """One motion of a specimen, and the reading at its end; arrays (channel,)."""
+    """One move of a specimen, and the reading at its end; arrays (channel,)."""
 
     target: np.ndarray  # target from the integrator [m]
     command: np.ndarray  # last command [m]
     measured: np.ndarray  # measured displacement [m]
-    force: np.ndarray  # force of the specimen, without that before the test [N]
+    force: np.ndarray  # force of the specimen, minus its force before the test [N]
 
 
 class SpecimenForce(RestoringForce):
-    """r(u) = Bᵀ F of a specimen whose channels are moved by B u.
+    """Restoring force r(u) = Bᵀ F of a specimen whose channels move by B u.
 
-    A displacement is imposed once and read once. The force before the first move belongs to the static load and is subtracted
-    from every reading.
+    Each displacement is imposed once, and its force is read once. The force before the first move belongs to the static load and
+    is subtracted from every reading.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class SpecimenForce(RestoringForce):
         return int(self.geometry.shape[1])
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """No memory here, since the specimen has it; see `RestoringForce.at_rest`."""
+        """Empty memory, because the specimen keeps its own state; see `RestoringForce.at_rest`."""
         return ()
 
     def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
-        """Read the specimen where it is; see `RestoringForce.begin`."""
+        """Read the specimen at its initial position; see `RestoringForce.begin`."""
         return self.at(self.at_rest(displacement), displacement)
 
     def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
@@ -82,7 +82,7 @@ class SpecimenForce(RestoringForce):
         return restoring, memory
 
     def _tared(self) -> np.ndarray:
-        """Force before the first move, averaged long enough for the noise, since it is part of every later one."""
+        """Force before the first move, averaged over a long time because it is part of every later reading."""
         step = self.specimen.describe().controller_step
         count = min(max(round(TARE / step), 1), self.specimen.describe().longest_path)
         return self._checked(self.specimen.move(np.zeros((count, len(self.geometry))), count)).force
@@ -90,5 +90,5 @@ class SpecimenForce(RestoringForce):
     @staticmethod
     def _checked(reading: Reading) -> Reading:
         if not (np.isfinite(reading.displacement).all() and np.isfinite(reading.force).all()):
-            raise SpecimenError("Its reading is not finite.")
+            raise SpecimenError("The reading of the specimen is not finite.")
         return reading

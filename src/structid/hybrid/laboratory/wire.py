@@ -1,4 +1,4 @@
-"""The wire format between a hybrid test and a specimen: frames, their authentication, their contents.
+"""The wire format between a hybrid test and a specimen: frames, their authentication and their contents.
 
 A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-endian::
 
@@ -12,9 +12,9 @@ A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-en
         24     n  payload
     24 + n    32  HMAC-SHA256 of all bytes before it
 
-The tag's key is made of the shared secret for HELLO, WELCOME and what refuses them, and of the secret and both sides' nonces for
-the session that follows. A request of the session has the number of the one before plus one, from 1; its answer has the same. There
-is one answer to one request, and nothing else is obeyed. `docs/reference/specimen_protocol.md` tells writers of other clients.
+For HELLO, WELCOME and their refusals, the key of the tag depends on the shared secret. In the following session, it depends on the
+secret and the nonces of both sides. The requests of a session have the numbers 1, 2, 3, …; each has one answer with its number. All
+other messages end the session. `docs/reference/specimen_protocol.md` describes the protocol for authors of other programs.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ HEADER = struct.Struct("<4sHHQII")
 MOVE_HEAD = struct.Struct("<III")
 TAG, NONCE = 32, 16
 LARGEST_PAYLOAD, LARGEST_GREETING = 4 * 2**20, 4096
-"""Bytes of a session's frame, and of an unauthenticated first one; a longer frame is refused before it is read."""
+"""Largest payload of a frame in a session, and of a HELLO [byte]; a longer frame is refused before it is read."""
 SHORTEST_SECRET = 16
-"""Minimum length of a secret [characters]."""
+"""Minimum length of a secret [byte]."""
 
 
 class Kind(IntEnum):
@@ -64,29 +64,29 @@ Message = TypeVar("Message", bound=BaseModel)
 
 
 class WireError(SpecimenError):
-    """A message that must not be obeyed, or none in time; the session is over."""
+    """An invalid message, or no message in time; the session is over."""
 
 
 class Frame(NamedTuple):
     """A message."""
 
-    kind: Kind  # kind
+    kind: Kind  # kind of the frame
     sequence: int  # sequence number
-    payload: bytes = b""  # content
+    payload: bytes = b""  # content of the frame
 
 
 # --- keys -----------------------------------------------------------------------------------------------------------
 
 
 def checked_secret(secret: str | bytes) -> bytes:
-    """Take a shared secret as bytes."""
+    """Convert a shared secret to bytes, and check its length."""
     given = secret.encode() if isinstance(secret, str) else bytes(secret)
     if len(given) < SHORTEST_SECRET:
         raise InputError(
             "secret",
-            f"{len(given)} characters",
-            f"{SHORTEST_SECRET} or more",
-            'Make one with: python -c "import secrets; print(secrets.token_hex(32))"',
+            f"{len(given)} bytes",
+            f"{SHORTEST_SECRET} or more bytes (letters and digits are one byte each)",
+            'Generate a secret with: python -c "import secrets; print(secrets.token_hex(32))"',
         )
     return given
 
@@ -97,7 +97,7 @@ def greeting_key(secret: bytes) -> bytes:
 
 
 def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
-    """Key of a session; a recorded session cannot be replayed, since the server's nonce is another one."""
+    """Key of a session; a recorded session cannot be replayed, because the server's nonce is new in every session."""
     return hmac.digest(secret, b"structid specimen session" + client + server, "sha256")
 
 
@@ -119,19 +119,19 @@ def received(connection: socket.socket, key: bytes, patience: float, largest: in
     magic, version, kind, sequence, length, zero = HEADER.unpack(head)
     if magic != MAGIC:
         raise WireError(
-            f"The other side does not speak this protocol: its first bytes are {magic!r}, and {MAGIC!r} is allowed."
+            f"The other side does not use this protocol: its first bytes are {magic!r} instead of {MAGIC!r}."
         )
     if version != VERSION:
         raise WireError(
-            f"The other side speaks version {version} of the protocol, and this is version {VERSION}. Update the older one."
+            f"The other side uses version {version} of the protocol, this side version {VERSION}. Update the older side."
         )
     if zero or kind not in Kind.__members__.values() or length > largest:
-        raise WireError(f"A malformed header came: kind {kind}, {length} bytes.")
+        raise WireError(f"The header of a message is malformed: kind {kind}, {length} bytes.")
     rest = _exactly(connection, length + TAG, until)
-    assert rest is not None  # a connection that ends here has raised
+    assert rest is not None  # _exactly raises an error if the connection ends here
     if not hmac.compare_digest(hmac.digest(key, head + rest[:length], "sha256"), rest[length:]):
         raise WireError(
-            "A message came whose tag is wrong: another secret, or a forged message. Both sides need the same secret."
+            "The tag is wrong: the message is forged, or it uses another secret. Use the same secret on both sides."
         )
     return Frame(Kind(kind), sequence, rest[:length])
 
@@ -149,7 +149,7 @@ def _exactly(connection: socket.socket, count: int, until: float, may_end: bool 
         except TimeoutError:
             raise WireError(_silence(len(got))) from None
         except OSError as error:
-            raise WireError(f"The connection broke: {error.strerror or error}.") from None
+            raise WireError(f"The connection failed: {error.strerror or error}.") from None
         if not part:
             if may_end and not got:
                 return None
@@ -159,7 +159,7 @@ def _exactly(connection: socket.socket, count: int, until: float, may_end: bool 
 
 
 def _silence(received: int) -> str:
-    return "The other side is silent." if not received else "The other side fell silent within a message."
+    return "The other side is silent." if not received else "The other side stopped within a message."
 
 
 def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -> None:
@@ -168,7 +168,7 @@ def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -
     try:
         connection.sendall(packed(frame, key))
     except OSError as error:
-        raise WireError(f"The connection broke: {error.strerror or error}.") from None
+        raise WireError(f"The connection failed: {error.strerror or error}.") from None
 
 
 # --- payloads -------------------------------------------------------------------------------------------------------
@@ -190,7 +190,7 @@ class Welcome(BaseModel):
 
     client_nonce: str  # the client's nonce, so that an old answer is invalid
     nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]  # nonce of the server
-    # Silence after which it holds the specimen and ends a session [s]
+    # Silence after which the server ends a session and the specimen holds its position [s]
     watchdog: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
     description: SpecimenDescription  # description of its specimen
 
@@ -200,7 +200,7 @@ def read_json(what: type[Message], payload: bytes) -> Message:
     try:
         return what.model_validate(json.loads(payload))
     except (ValidationError, ValueError) as error:
-        raise WireError(f"A {what.__name__} came that is none: {str(error).splitlines()[0]}.") from None
+        raise WireError(f"A {what.__name__} message is invalid: {str(error).splitlines()[0]}.") from None
 
 
 def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> bytes:
@@ -211,7 +211,7 @@ def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> byt
 def read_move(payload: bytes) -> tuple[np.ndarray, int]:
     """Read a path."""
     if len(payload) < MOVE_HEAD.size:
-        raise WireError("A move came that is too short.")
+        raise WireError("A MOVE is too short.")
     samples, channels, averaged = MOVE_HEAD.unpack_from(payload)
     if (
         samples * channels * 8 != len(payload) - MOVE_HEAD.size
@@ -220,11 +220,11 @@ def read_move(payload: bytes) -> tuple[np.ndarray, int]:
         or not 1 <= averaged <= samples
     ):
         raise WireError(
-            f"A malformed move came: {samples} samples of {channels} channels, {averaged} averaged, {len(payload)} bytes."
+            f"A MOVE is malformed: {samples} samples of {channels} channels, {averaged} averaged, {len(payload)} bytes."
         )
     path = np.frombuffer(payload, dtype="<f8", offset=MOVE_HEAD.size).reshape(samples, channels)
     if not np.isfinite(path).all():
-        raise WireError("A move came with a number that is not finite.")
+        raise WireError("A MOVE contains a number that is not finite.")
     return path, averaged
 
 
@@ -236,8 +236,8 @@ def packed_reading(reading: Reading) -> bytes:
 def read_reading(payload: bytes, channels: int) -> Reading:
     """Read a reading."""
     if len(payload) != 16 * channels:
-        raise WireError(f"A reading of {len(payload)} bytes came, and {channels} channels have {16 * channels}.")
+        raise WireError(f"A READING has {len(payload)} bytes instead of {16 * channels} for {channels} channels.")
     values = np.frombuffer(payload, dtype="<f8")
     if not np.isfinite(values).all():
-        raise WireError("A reading came with a number that is not finite.")
+        raise WireError("A READING contains a number that is not finite.")
     return Reading(values[:channels], values[channels:])

@@ -24,11 +24,11 @@ from structid.probability.space import ParameterSpace
 CENTRE = 2.0
 """Weight of the central point in covariances, exact for normal states. Its weight in means is zero."""
 BAND = 1.959964
-"""Standard deviations on either side of a 95 % band."""
+"""Half-width of a 95 % band [standard deviations]."""
 REMEMBERED = ("z", "e_h")
 """Memory variables of a spring besides its displacement."""
 LEAST_VARIANCE = 1e-18
-"""Variance of a known state, so that a covariance has a square root."""
+"""Variance of a known state; positive, so that the covariance has a Cholesky factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,28 +43,28 @@ class FilteredPath:
 
 @check_arguments
 class UnscentedFilter:
-    """Follows the parameters of a specimen of one channel, move by move, and may hand them to the numerical part.
+    """Filter that estimates the parameters of a one-channel specimen after every move, and can update the numerical part.
 
-    It is a help while a test runs, and no posterior: it takes the law for true, its state for normal, and every move's noise for
-    independent. Where one of these fails, its bands are too narrow, and it does not notice.
+    Its estimate is helpful during a test, but it is not a posterior. It assumes a correct constitutive law, a normal state and
+    independent noise. If an assumption is wrong, its bands are too narrow, without a warning.
 
     Parameters
     ----------
     model : TraceableModel
-        A law of one spring with free parameters, such as `BoucWen`.
+        Model of one spring with free parameters, such as `BoucWen`.
     space : ParameterSpace
-        Their priors.
+        Priors of the free parameters.
     force_noise : float
         Standard deviation of a measured force [N].
     drift : float
-        Standard deviation of a random walk of the normal scores in a move: above zero the filter forgets.
+        Standard deviation of a random walk of the normal scores per move; if positive, earlier moves lose weight.
     updates : UpdatedSprings, optional
-        Springs of the numerical part that are built like the specimen.
+        Springs of the numerical part with the same constitutive law as the specimen.
 
     Raises
     ------
     InputError
-        If the law is not one of a spring, or the noise is not positive.
+        If the model is not a single spring, or the noise is not positive.
 
     Examples
     --------
@@ -91,10 +91,10 @@ class UnscentedFilter:
         self._columns = [space.names.index(name) for name in self.model.free]
         if not isinstance(force := self._forces(self._theta(np.zeros((1, len(space.names))))), HystereticSprings):
             raise InputError(
-                "UnscentedFilter.model", f"a {model.kind_in_words}", "a law of one spring, such as BoucWen"
+                "UnscentedFilter.model", f"a {model.kind_in_words}", "a model of one spring, such as BoucWen"
             )
         if force.dofs != 1:
-            raise InputError("UnscentedFilter.model", f"{force.dofs} displacements", "one")
+            raise InputError("UnscentedFilter.model", f"{force.dofs} displacements", "one displacement")
         count = len(REMEMBERED) + len(space.names)
         self._mean = np.zeros(count)
         self._covariance = np.eye(count)
@@ -102,29 +102,29 @@ class UnscentedFilter:
         self._place, self._datum = 0.0, 0.0
         self._path: list[np.ndarray] = []
 
-    # --- a test -------------------------------------------------------------------------------------------------
+    # --- during a test ------------------------------------------------------------------------------------------
 
     def begin(self, datum: float) -> None:
-        """Begin a test; what was learnt in those before is kept.
+        """Start a test; the estimate from earlier tests is kept.
 
         Parameters
         ----------
         datum : float
-            Where the zero of the test is, from that of the first [m]; the specimen was moved there without being looked at.
+            Zero of the test, relative to the first zero [m]; the specimen moved there without a measurement.
         """
         self._datum, self._path = datum, []
         if datum != self._place:
             self._moved(datum, None)
 
     def see(self, displacement: float, force: float) -> None:
-        """Take a move.
+        """Update the estimate with a move.
 
         Parameters
         ----------
         displacement : float
-            Where the specimen was measured, from the zero of the test [m].
+            Measured displacement, relative to the zero of the test [m].
         force : float
-            That was measured [N].
+            Measured force [N].
         """
         self._moved(self._datum + displacement, force)
         scores, sd = self._mean[len(REMEMBERED) :], np.sqrt(np.diag(self._covariance)[len(REMEMBERED) :])
@@ -134,12 +134,12 @@ class UnscentedFilter:
             self.updates.adopt(springs)
 
     def path(self) -> FilteredPath:
-        """Give what it believed in this test.
+        """Estimates of the filter in this test.
 
         Returns
         -------
         FilteredPath
-            Move by move.
+            Estimate after every move.
         """
         band = np.reshape(self._path, (len(self._path), 3, len(self.space.names)))
         return FilteredPath(tuple(self.space.names), band[:, 0], band[:, 1], band[:, 2])

@@ -1,4 +1,4 @@
-"""Springs of a numerical part whose law may change during a test."""
+"""Springs of a numerical part whose constitutive law may change during a test."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from structid.mechanics.restoring_forces import HystereticSprings, RestoringForc
 
 @check_arguments
 class UpdatedSprings(RestoringForce):
-    """Springs that take over the law of a specimen like them. What they remember stays.
+    """Springs that adopt the constitutive law of a similar specimen and keep their own memory.
 
     Parameters
     ----------
     springs : HystereticSprings
-        As they are at first.
+        Initial springs.
 
     Examples
     --------
@@ -32,12 +32,12 @@ class UpdatedSprings(RestoringForce):
         self.springs = springs
 
     def adopt(self, specimen: HystereticSprings) -> None:
-        """Take over stiffness and law.
+        """Adopt the stiffness and the constitutive law of a specimen.
 
         Parameters
         ----------
         specimen : HystereticSprings
-            One spring, of one run.
+            One spring for one run.
         """
         count = len(self.springs.deformations)
         law = Law(*(float(np.ravel(value)[0]) for value in specimen.law))
@@ -50,7 +50,7 @@ class UpdatedSprings(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """As for the springs; see `RestoringForce.largest_move`."""
+        """Largest move of the springs; see `RestoringForce.largest_move`."""
         return self.springs.largest_move
 
     @property
@@ -59,9 +59,9 @@ class UpdatedSprings(RestoringForce):
         return self.springs.content_hash
 
     def at_rest(self, displacement: Any) -> Any:
-        """What is remembered before the first move; see `RestoringForce.at_rest`."""
+        """Memory of the springs before the first move; see `RestoringForce.at_rest`."""
         return self.springs.at_rest(displacement)
 
     def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
-        """Impose a displacement, by the law as it is now; see `RestoringForce.at`."""
+        """Impose a displacement with the present constitutive law; see `RestoringForce.at`."""
         return self.springs.at(memory, displacement)

@@ -16,7 +16,7 @@ AT_ONCE = 400
 
 
 class LivePoints:
-    """Follows one test."""
+    """Live data of one test."""
 
     def __init__(self, store: Path) -> None:
         self._following = Following(store)
@@ -25,7 +25,7 @@ class LivePoints:
         self._floors = np.zeros((0, 0))
 
     def read(self) -> None:
-        """Read what is new."""
+        """Read the new rows."""
         rows = self._following.new_rows()
         if not len(rows):
             return
@@ -40,7 +40,7 @@ class LivePoints:
         self._floors = np.concatenate([self._floors.reshape(-1, floors.shape[1]), floors])
 
     def since(self, moves: int, steps: int) -> dict[str, Any]:
-        """What is new since a position, JSON-compatible."""
+        """Data after the given numbers of moves and steps, JSON-compatible."""
         if self._about is None:
             return {}
         about, channels = self._about, []

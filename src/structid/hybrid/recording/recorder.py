@@ -1,9 +1,9 @@
 """The recording of a test in progress: rows of numbers that survive a kill and a full disk without delaying the test.
 
-The loop copies a row into mapped memory, which belongs to the kernel at once and survives the death of this process. Every
-`BLOCK` seconds a thread moves the rows to the journal, which is on disk when it returns. There are two such tails: one is filled
-while the other is written. Their space is reserved before the test begins. A full disk is therefore detected before anything
-moves, and one that fills up ends the test and loses nothing.
+The loop copies each row into mapped memory (the *tail*), which belongs to the kernel and survives the end of this process. Every
+`BLOCK` seconds, a thread moves the rows to the journal on disk. There are two tails: one is filled while the other is written.
+Their space is reserved before the test begins. A full disk is therefore detected before anything moves; a disk that fills up later
+ends the test without loss of data.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ class RecordingError(StructidError):
 
 
 def journal_of(store: Path) -> Path:
-    """Name the journal of a store."""
+    """Path of the journal of a store."""
     return store.with_name(store.name + JOURNAL)
 
 
 def tails_of(store: Path) -> tuple[Path, Path]:
-    """Name the tails of a store."""
+    """Paths of the tails of a store."""
     return store.with_name(store.name + ".tail0"), store.with_name(store.name + ".tail1")
 
 
 class _Tail:
-    """Rows in mapped memory, one after another; a row counts if its checksum is right."""
+    """Rows in mapped memory, one after another; a row is valid if its checksum is right."""
 
     def __init__(self, path: Path, room: int) -> None:
         self.path, self.end, self.rows = path, 0, []  # type: ignore[var-annotated]
@@ -66,7 +66,7 @@ class _Tail:
     def add(self, number: int, row: bytes) -> None:
         body = self.end + _ENTRY.size
         self.memory[body : body + len(row)] = row
-        # The head last: a row whose head is there is there.
+        # The head is written last: a row with a head is complete.
         self.memory[self.end : body] = _ENTRY.pack(number + 1, len(row), zlib.crc32(row))
         self.end = body + len(row)
         self.rows.append((number, row))
@@ -80,7 +80,7 @@ class _Tail:
 
 
 def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Rows in a tail whose process has died."""
+    """Rows in a tail whose process was killed."""
     if not path.exists():
         return
     content, position = path.read_bytes(), 0
@@ -97,14 +97,14 @@ def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
 def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
     """Rows in the tails, by number.
 
-    Rows move from a tail to the journal, so the journal is read after this: a row that moves between the two is seen in both.
+    Rows move from a tail to the journal. The journal is read after the tails, so a row that moves in between is found twice.
     """
     left = (entry for tail in tails_of(store) for entry in _rows_left_in(tail))
     return {number: np.frombuffer(row, dtype="<f8") for number, row in left}
 
 
 def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.ndarray]]) -> dict[str, Any]:
-    """Add the rows of a journal's entries; returns the recorder's note on rows, empty where no entry has one."""
+    """Add the rows of a journal's entries; returns the description of the test, empty if no entry contains it."""
     about: dict[str, Any] = {}
     for entry in entries:
         if "about" in entry:
@@ -115,16 +115,16 @@ def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.nda
 
 
 class Recorder:
-    """Records rows of one length next to a store, until they are moved into it."""
+    """Recorder of rows of equal length, in files next to a store, until the store itself is written."""
 
     def __init__(self, store: Path, about: Mapping[str, Any], width: int) -> None:
         for path in (store, journal_of(store)):
             if path.exists():
                 raise InputError(
                     f"store {store}",
-                    f"{path.name} is there already",
+                    f"{path.name} already exists",
                     "a file that does not exist yet",
-                    "A recording is never written over. Name another file, or move this one away.",
+                    "A recording is never overwritten. Choose another file, or move this file away.",
                 )
         self.store, self.width, self.failed = store, width, ""
         store.parent.mkdir(parents=True, exist_ok=True)
@@ -138,9 +138,9 @@ class Recorder:
                 path.unlink(missing_ok=True)
             raise InputError(
                 f"store {store}",
-                f"its recording cannot be begun: {error.strerror}",
-                f"a disk with {2 * room / 2**20:.0f} MB to spare",
-                "Nothing has moved.",
+                f"the recording cannot start: {error.strerror}",
+                f"a disk with {2 * room / 2**20:.0f} MB of free space",
+                "Free some space and start again. Nothing has moved.",
             ) from None
         self._count = 0
         self._lock, self._due, self._closing = threading.Lock(), threading.Event(), False
@@ -156,7 +156,7 @@ class Recorder:
         self.close()
 
     def add(self, row: Float[np.ndarray, " width"]) -> None:
-        """Record a row. It survives this process when this returns, and the machine one block later."""
+        """Record a row. After this call it survives a kill of this process; one block later, a crash of the machine."""
         content = np.ascontiguousarray(row, dtype="<f8").tobytes()
         with self._lock:
             tail = self._tails[0]
@@ -166,7 +166,7 @@ class Recorder:
             self._count += 1
         if self.failed:
             raise RecordingError(
-                f"The recording cannot go on: {self.failed}. Every finished step is kept beside {self.store}."
+                f"The recording cannot continue: {self.failed}. Every finished step is kept next to {self.store}."
             )
 
     def _write(self) -> None:
@@ -185,7 +185,7 @@ class Recorder:
             rows = np.stack([np.frombuffer(row, dtype="<f8") for _, row in full.rows])
             self._journal.append({"first": np.array(full.rows[0][0]), "rows": rows})
         except OSError as error:
-            # What this tail holds stays there, and the other one goes on.
+            # The rows of this tail stay there, and the other tail accepts new rows.
             self.failed = error.strerror or str(error)
             return
         full.clear()
@@ -200,20 +200,20 @@ class Recorder:
             tail.close()
 
     def remove(self) -> None:
-        """Delete the recording when its contents are in the store."""
+        """Delete the recording after its contents are in the store."""
         self._journal.remove()
         for path in tails_of(self.store):
             path.unlink(missing_ok=True)
 
 
 class Following:
-    """Reads the rows of a test while another process records them, without involving that process."""
+    """Reader of the rows of a test that another process records; it does not affect that process."""
 
     def __init__(self, store: Path) -> None:
         self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
 
     def new_rows(self) -> Float[np.ndarray, "row width"]:
-        """Read the rows that are new."""
+        """Read the new rows."""
         try:
             rows = _rows_in_tails(self.store)
             entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
@@ -228,13 +228,13 @@ class Following:
 
 
 def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
-    """Read a recording, also of a process that has died."""
+    """Read a recording, even of a process that was killed."""
     path = journal_of(store)
     if not path.exists():
-        raise InputError(f"store {store}", "no recording is there", "the store of a hybrid test")
+        raise InputError(f"store {store}", "there is no recording", "the store of a hybrid test")
     rows = _rows_in_tails(store)
     about = _added_to(rows, Journal.read(path))
     if sorted(rows) != list(range(len(rows))):
         missing = next(k for k in range(len(rows)) if k not in rows)
-        raise InputError(f"store {store}", f"row {missing} is missing", "a whole recording")
+        raise InputError(f"store {store}", f"row {missing} is missing", "a complete recording")
     return about, np.stack([rows[k] for k in range(len(rows))]) if rows else np.zeros((0, 0))

@@ -1,4 +1,4 @@
-"""A hybrid test on disk: one HDF5 file when it has ended, a recording next to it until then."""
+"""Files of a hybrid test: a recording during the test, and one HDF5 file after its end."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from structid.hybrid.laboratory.specimen_force import Move
 from structid.hybrid.online.unscented_filter import FilteredPath
 from structid.hybrid.recording.recorder import SCHEMA, journal_of, recorded
 
-CUT_OFF = "The recording was cut off: its process died, or its disk was full. Every finished step is here."
+CUT_OFF = "The recording was interrupted: its process was killed, or its disk was full. All finished steps are kept."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class About:
-    """Description of a test before it begins, which is needed to read its recording."""
+    """Description of a test before its start, which is needed to read its recording."""
 
-    description: SpecimenDescription  # of the specimen
-    feasibility: Feasibility  # of the test
-    record: GroundMotion  # ground motion
-    frame: StepFrame  # layout of its steps
-    moves_per_step: int  # motions of the specimen in a coarse step
+    description: SpecimenDescription  # description of the specimen
+    feasibility: Feasibility  # result of the check before the test
+    record: GroundMotion  # ground acceleration
+    frame: StepFrame  # layout of the steps
+    moves_per_step: int  # moves of the specimen in a coarse step
 
     def to_plain(self) -> dict[str, Any]:
         """Convert to JSON-compatible values, exact to the last bit."""
@@ -69,7 +69,7 @@ class About:
 
     @property
     def width(self) -> int:
-        """Numbers in a row: those of a step, then those of its moves."""
+        """Number of values in a row: the values of a step, then the values of its moves."""
         return self.frame.width + self.moves_per_step * 4 * len(self.description.channels)
 
     def row(self, step: Float[np.ndarray, " frame_width"], moves: list[Move]) -> Float[np.ndarray, " width"]:
@@ -96,7 +96,7 @@ class About:
 
 
 def _feasibility(plain: dict[str, Any]) -> Feasibility:
-    """Rebuild from JSON, which has lists for tuples."""
+    """Rebuild from JSON, in which tuples are lists."""
     fields: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
     return Feasibility(**fields)
 
@@ -129,7 +129,7 @@ def save(result: HybridResult, path: Path) -> None:
 
 
 def _write(group: Any, name: str, value: Any) -> None:
-    """Arrays of nested dataclasses, by the names of their fields."""
+    """Write the arrays of nested dataclasses under the names of their fields."""
     if isinstance(value, np.ndarray):
         group.create_dataset(name, data=value)
         return
@@ -147,7 +147,7 @@ NESTED: dict[str, type] = {
     "part": PartHistory,
     "moves": MoveHistory,
 }
-"""Class of a group."""
+"""Class of each group in the file, by its name."""
 
 
 def _read(group: Any, name: str) -> Any:
@@ -158,7 +158,7 @@ def _read(group: Any, name: str) -> Any:
 
 
 FILTERED = ("mean", "low", "high")
-"""Arrays of a filter's path."""
+"""Arrays in the path of a filter."""
 
 
 def _filtered(file: Any, names: list[str]) -> FilteredPath | None:
@@ -167,22 +167,22 @@ def _filtered(file: Any, names: list[str]) -> FilteredPath | None:
 
 @check_arguments
 def open_hybrid(path: str | Path) -> HybridResult:
-    """Open a hybrid test that has ended, in whatever way.
+    """Open the result of a finished or interrupted hybrid test.
 
     Parameters
     ----------
     path : path-like
-        Its store.
+        Store of the test.
 
     Returns
     -------
     HybridResult
-        Also of a test whose process died: then from its recording.
+        Result from the store, or from the recording if the process was killed.
 
     Raises
     ------
     InputError
-        If there is neither, or it is damaged.
+        If neither store nor recording exists, or if the file is damaged.
 
     Examples
     --------

@@ -22,14 +22,14 @@ from structid.models.masonry.masonry_wall import MasonryWall
 @check_arguments
 @dataclass(frozen=True)
 class FloorMasses:
-    """Masses of a facade beside those of its walls.
+    """Masses of a facade in addition to the masses of its walls.
 
     Parameters
     ----------
     floor, roof : float
-        On the beam between the storeys, and on top [kg].
+        Mass on the beam between the storeys, and mass on top [kg].
     share : float
-        Of the floor that belongs to the lower storey.
+        Fraction of the floor's mass that belongs to the lower storey.
 
     Examples
     --------
@@ -45,18 +45,18 @@ class FloorMasses:
 
     def __post_init__(self) -> None:
         if not (self.floor > 0.0 and self.roof >= 0.0 and 0.0 < self.share < 1.0):
-            raise InputError("FloorMasses", f"{self}", "positive masses, and a share between 0 and 1")
+            raise InputError("FloorMasses", f"{self}", "floor above 0, roof of 0 or more, share between 0 and 1")
 
 
 class FacadeParts(NamedTuple):
-    """A facade, cut.
+    """Parts of a facade that is cut at its beam.
 
     Parameters
     ----------
     upper, lower : Substructure
-        Numerical and physical part. The force of the lower one is without that of the vertical load.
+        Numerical and physical part. The force of the lower part excludes the force of the vertical load.
     wall : StaticWall
-        The lower wall with its vertical load, for a specimen in its place.
+        Lower wall with its vertical load, for a simulated specimen.
     """
 
     upper: Substructure
@@ -74,30 +74,30 @@ def facade_parts(
 ) -> FacadeParts:
     """Cut a facade at the beam between its storeys.
 
-    The upper storey stays linear: its wall with uncracked joints stands on the beam, and keeps the beam's three motions and some of
-    its modes above a beam at rest (Craig & Bampton 1968). The beam's motions are u_x, u_y, and the rotation about the middle.
-    Damping is Rayleigh's with the lower wall's ratio at modes 1 and 3 of both storeys.
+    The upper storey is linear, with uncracked joints. It is reduced to the beam's three degrees of freedom and some modes above a
+    fixed beam (Craig & Bampton 1968). The beam's degrees of freedom are u_x, u_y, and the rotation about the middle. Damping is
+    Rayleigh damping with the lower wall's ratio at modes 1 and 3 of both storeys.
 
     Parameters
     ----------
     lower : MasonryWall
-        Nothing of it free.
+        Lower wall, without free parameters.
     upper : MasonryWall, optional
-        As wide; the same wall when left out.
+        Upper wall of the same width; default: the same wall.
     modes : int
-        Of the upper storey: 1 gives it 4 degrees of freedom, 4 give it 7.
+        Number of modes of the upper storey: 1 mode gives it 4 degrees of freedom, 4 modes give it 7.
     masses : FloorMasses, optional
-        Of floor and roof.
+        Masses of floor and roof.
 
     Returns
     -------
     FacadeParts
-        The upper part, with the beam's motions first; the lower part, which has only those; and the lower wall by itself.
+        The upper part, with the beam's degrees of freedom first; the lower part, with only these; and the lower wall.
 
     Raises
     ------
     InputError
-        If parameters are free, the walls are not as wide, or the upper one has joints at its base.
+        If parameters are free, the walls differ in width, or the upper wall has joints at its base.
 
     Examples
     --------
@@ -114,15 +114,15 @@ def facade_parts(
     for wall in (lower, upper):
         if wall.free:
             raise InputError(
-                "facade_parts", f"a wall with {', '.join(wall.free)} free", "walls whose parameters are numbers"
+                "facade_parts", f"a wall with free {', '.join(wall.free)}", "walls whose parameters are all numbers"
             )
     if upper.wall.width != lower.wall.width or upper.base_joint:
         raise InputError(
             "facade_parts: upper",
             f"a wall {upper.wall.width:g} m wide, base_joint={upper.base_joint}",
-            f"one {lower.wall.width:g} m wide that stands on the beam without joints",
+            f"a wall {lower.wall.width:g} m wide that stands on the beam without joints",
         )
-    inertia = np.array([1.0, 1.0, lower.wall.width**2 / 12.0])  # of a mass that is spread along the beam
+    inertia = np.array([1.0, 1.0, lower.wall.width**2 / 12.0])  # of a unit mass that is spread along the beam
     force = lower.static_force(np.zeros((1, 0)))
     law = force.law if upper is lower else upper.static_force(np.zeros((1, 0))).law
     above = _matrices_on_beam(upper, law, masses.roof)
@@ -152,7 +152,7 @@ def facade_parts(
 
 
 def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Natural frequencies of both storeys, uncracked [rad/s]."""
+    """Natural frequencies of both storeys together, uncracked [rad/s]."""
     both = [upper.mass.copy(), upper.stiffness.copy()]
     for whole, part in zip(both, (mass, stiffness), strict=True):
         whole[:BEAM, :BEAM] += part
@@ -160,7 +160,7 @@ def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndar
 
 
 def _matrices_on_beam(upper: MasonryWall, law: CohesiveLaw, roof: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M, K and ι of a wall with uncracked joints whose lowest nodes move with a rigid beam: first the beam, then the others."""
+    """M, K and ι of a wall with uncracked joints whose lowest nodes move with a rigid beam; beam first, other nodes after."""
     standing = upper.mesh.fixed
     mesh = replace(upper.mesh, fixed=standing[:0])
     assembly = Assembly(mesh, replace(upper.masonry, upper_mass=roof))
@@ -184,7 +184,7 @@ def _uncracked(assembly: Assembly, law: CohesiveLaw) -> np.ndarray:
 
 
 def _mass_on_beam(wall: StaticWall) -> np.ndarray:
-    """Mass of the lower wall's blocks as the beam feels it: they follow it statically, uncracked."""
+    """Mass matrix of the lower wall's blocks at the beam, which they follow statically, with uncracked joints."""
     beamed = wall.wall
     assembly = Assembly(beamed.mesh, replace(beamed.masonry, upper_mass=0.0))
     top = beamed.top_nodes

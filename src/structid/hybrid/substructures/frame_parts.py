@@ -21,28 +21,28 @@ def cut_frame(
     damping: str = "stiffness",
     linear: bool = False,
 ) -> tuple[Substructure, Substructure]:
-    """Cut a frame at a floor: the storeys above it are one part, those below the other; they share the floor.
+    """Cut a frame at a floor into the storeys above it and the storeys below it; both parts share the floor.
 
-    Damping must be a sum over the parts, which modal damping is not: it is proportional to the stiffness with ζ at the first mode,
-    or Rayleigh's with ζ at the first and the third, or the last if there are fewer.
+    Damping must be a sum over the parts, unlike modal damping. Stiffness-proportional damping has ζ at the first mode. Rayleigh
+    damping has ζ at the first and the third mode, or at both modes of a frame with two storeys.
 
     Parameters
     ----------
     frame : ShearFrame
-        Nothing of it free.
+        Frame without free parameters.
     floor : int
-        Number of the floor from 1, not the uppermost.
+        Number of the floor, from 1; not the top floor.
     interface_share : float
-        Share of the floor's mass that belongs to the lower part, between 0 and 1.
+        Fraction of the floor's mass that belongs to the lower part, between 0 and 1.
     damping : {"stiffness", "rayleigh"}
-        Kind of damping; its ζ is the frame's.
+        Kind of damping; ζ is the damping ratio of the frame.
     linear : bool
-        Whether the springs stay as they are at first.
+        Whether the springs keep their initial stiffness.
 
     Returns
     -------
     tuple of Substructure
-        The upper part, which has the floor as its first degree of freedom, and the lower part, which has it as its last.
+        The upper part, whose first degree of freedom is the floor, and the lower part, whose last degree of freedom it is.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def cut_frame(
         raise InputError("floor", f"{floor!r}", f"a whole number from 1 to {frame.storeys - 1}")
     if not 0.0 < interface_share < 1.0:
         raise InputError(
-            "interface_share", f"{interface_share!r}", "a number between 0 and 1, both parts need a mass there"
+            "interface_share", f"{interface_share!r}", "a number between 0 and 1, so that both parts have mass"
         )
     check_choice("damping", damping, ("stiffness", "rayleigh"))
     values = frame.storey_values()

@@ -1,6 +1,6 @@
 """Substructures with few degrees of freedom: static condensation, and constraint modes with fixed-interface modes.
 
-Sources: R. J. Guyan (1965) for the first, R. R. Craig & M. C. C. Bampton (1968) for the second; see docs/bibliography.md.
+Sources: R. J. Guyan (1965) for the condensation, R. R. Craig & M. C. C. Bampton (1968) for the modes; see docs/bibliography.md.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ class Matrices(NamedTuple):
     mass: Float[np.ndarray, "dof dof"]  # M [kg]
     damping: Float[np.ndarray, "dof dof"]  # C [N s/m]
     stiffness: Float[np.ndarray, "dof dof"]  # K [N/m]
-    influence: Float[np.ndarray, " dof"]  # ι, the displacement of each degree of freedom with the base
+    influence: Float[np.ndarray, " dof"]  # ι, displacements for a unit displacement of the base
 
     def onto(self, basis: Float[np.ndarray, "dof coordinate"]) -> Matrices:
         """Restrict the motion to u = T q: Tᵀ M T, Tᵀ C T, Tᵀ K T, and ι with M_r ι_r = Tᵀ M ι."""
-        # Symmetric in exact arithmetic; where stiff parts cancel, rounding would show.
+        # Symmetric in exact arithmetic; rounding errors are large where stiff parts cancel.
         mass, damping, stiffness = (0.5 * (small + small.T) for small in (basis.T @ full @ basis for full in self[:3]))
         return Matrices(mass, damping, stiffness, np.linalg.solve(mass, basis.T @ self.mass @ self.influence))
 
 
 def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int]) -> Float[np.ndarray, "dof kept"]:
-    """Static displacements when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik."""
+    """Static displacements for unit displacements of the kept degrees of freedom, one at a time: −K_ii⁻¹ K_ik."""
     kept = list(kept)
     count = len(stiffness)
     if len(set(kept)) < len(kept) or not set(kept) <= set(range(count)) or not kept:
@@ -44,7 +44,7 @@ def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int
     if len(inner):
         held = stiffness[np.ix_(inner, inner)]
         if np.linalg.cond(held) > 1e14:
-            raise InputError("kept", f"{kept}, and what is left can move without force", "enough to hold the part")
+            raise InputError("kept", f"{kept}: the part can move without force", "enough degrees of freedom to hold it")
         basis[inner] = -np.linalg.solve(held, stiffness[np.ix_(inner, np.array(kept))])
     return basis
 
@@ -60,27 +60,27 @@ def reduced_by_guyan(
     influence: np.ndarray | None = None,
     name: str = "substructure",
 ) -> Substructure:
-    """Keep some degrees of freedom; the others follow as they would without inertia.
+    """Reduce a part to some degrees of freedom; the other degrees of freedom follow statically.
 
-    Stiffness is exact, mass is not: frequencies come out too high, the more so the higher they are.
+    The stiffness is exact, the mass is approximate. Frequencies are too high, and high frequencies have the largest errors.
 
     Parameters
     ----------
     mass, damping, stiffness : array-like, shape (dof, dof)
-        M [kg], which need not be positive definite, C [N s/m] and K [N/m].
+        M [kg], C [N s/m] and K [N/m]; M may be positive semi-definite.
     kept : sequence of int
-        Degrees of freedom from 0.
+        Degrees of freedom to keep, numbered from 0.
     interface : sequence of int
-        Which of them, by their numbers in the whole part, are at the interface.
+        Kept degrees of freedom at the interface, by their numbers in the whole part.
     influence : array-like, shape (dof,), optional
-        ι; one for all when left out.
+        ι; default: 1 for all degrees of freedom.
     name : str
-        Of the part.
+        Name of the part.
 
     Returns
     -------
     Substructure
-        With the degrees of freedom in the order of `kept`.
+        Reduced part, with its degrees of freedom in the order of `kept`.
 
     Examples
     --------
@@ -108,25 +108,25 @@ def reduced_by_craig_bampton(
     influence: np.ndarray | None = None,
     name: str = "substructure",
 ) -> Substructure:
-    """Keep the interface, and the lowest modes of the part whose interface is held.
+    """Reduce a part to its interface and its lowest fixed-interface modes.
 
     Parameters
     ----------
     mass, damping, stiffness : array-like, shape (dof, dof)
         M [kg], C [N s/m] and K [N/m].
     interface : sequence of int
-        Degrees of freedom from 0.
+        Degrees of freedom at the interface, numbered from 0.
     modes : int
-        Number of modes, 0 or more. They have a mass of 1 kg.
+        Number of modes, 0 or more. Each mode has a mass of 1 kg.
     influence : array-like, shape (dof,), optional
-        ι; one for all when left out.
+        ι; default: 1 for all degrees of freedom.
     name : str
-        Of the part.
+        Name of the part.
 
     Returns
     -------
     Substructure
-        First the interface, then the modes from the lowest.
+        Reduced part: first the interface, then the modes in ascending order.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def reduced_by_craig_bampton(
     whole = _matrices(mass, damping, stiffness, influence)
     inner = np.setdiff1d(np.arange(len(whole.mass)), list(interface))
     if not 0 <= modes <= len(inner):
-        raise InputError("modes", f"{modes!r}", f"a whole number from 0 to {len(inner)}, the held part has no more")
+        raise InputError("modes", f"{modes!r}", f"a whole number from 0 to {len(inner)} (inner degrees of freedom)")
     held = np.ix_(inner, inner)
     fixed = np.zeros((len(whole.mass), modes))
     if modes:
@@ -158,11 +158,11 @@ def _matrices(mass: object, damping: object, stiffness: object, influence: objec
         raise InputError("matrices", ", ".join(str(m.shape) for m in given), "three square matrices of one size")
     iota = np.ones(count) if influence is None else np.asarray(influence, dtype=np.float64)
     if iota.shape != (count,):
-        raise InputError("influence", f"shape {iota.shape}", f"({count},)")
+        raise InputError("influence", f"shape {iota.shape}", f"shape ({count},)")
     return Matrices(given[0], given[1], given[2], iota)
 
 
 def _among(interface: Sequence[int], kept: Sequence[int]) -> Sequence[int]:
     if not set(interface) <= set(kept):
-        raise InputError("interface", f"{list(interface)}", f"among what is kept: {list(kept)}")
+        raise InputError("interface", f"{list(interface)}", f"kept degrees of freedom only: {list(kept)}")
     return interface

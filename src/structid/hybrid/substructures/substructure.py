@@ -23,23 +23,23 @@ class Substructure:
 
         M a + C v + r(u) = −M ι a_g + Lᵀ Λ,
 
-    with the forces Λ that the other part exerts at the interface. Of a physical part, mass and damping are numbers in the computer
-    too: only r(u) is measured.
+    where Λ are the forces of the other part at the interface. Mass and damping are numerical for a physical part too; only r(u)
+    is measured.
 
     Parameters
     ----------
     mass, damping, stiffness : array-like, shape (dof, dof)
-        M [kg], C [N s/m], and the initial stiffness K₀ [N/m]. K₀ must be the largest tangent: with a larger one a step is not
-        stable any more.
+        M [kg], C [N s/m], and the initial stiffness K₀ [N/m]. K₀ must be the largest tangent stiffness; with a larger tangent
+        stiffness, a step is unstable.
     interface : sequence of int or array-like, shape (interface, dof)
-        Numbers from 0 of the degrees of freedom that both parts share, in the same order for both. Or L itself, where they share
-        others than single ones; signs are put by the coupling.
+        Degrees of freedom that both parts share, numbered from 0, in the same order for both parts. If they share combinations
+        of degrees of freedom, give the matrix L; the coupling adds the signs.
     restoring_force : RestoringForce, optional
-        r(u); K₀ u when left out.
+        r(u); default: K₀ u.
     influence : array-like, shape (dof,), optional
-        ι, the displacement of each degree of freedom with the base; one for all when left out.
+        ι, displacement of each degree of freedom for a unit displacement of the base; default: 1 for all.
     name : str
-        Of the part, for messages.
+        Name of the part, for messages.
 
     Examples
     --------
@@ -63,19 +63,19 @@ class Substructure:
         count = len(self.mass)
         for what in ("damping", "stiffness"):
             if len(getattr(self, what)) != count:
-                came = f"{len(getattr(self, what))} degrees of freedom, and the mass has {count}"
+                came = f"{len(getattr(self, what))} degrees of freedom, but the mass has {count}"
                 raise InputError(f"{self.name}: {what}", came, "matrices of one size")
         if np.linalg.eigvalsh(self.mass).min() <= 0.0:
             raise InputError(
                 f"{self.name}: mass",
                 "a matrix that is not positive definite",
                 "a mass for every degree of freedom",
-                "Reduce the part to those that have one: see reduced_by_guyan.",
+                "Reduce the part to the degrees of freedom with a mass; see reduced_by_guyan.",
             )
         object.__setattr__(self, "interface", self._interface(count))
         iota = np.ones(count) if self.influence is None else np.asarray(self.influence, dtype=np.float64)
         if iota.shape != (count,):
-            raise InputError(f"{self.name}: influence", f"shape {iota.shape}", f"({count},)")
+            raise InputError(f"{self.name}: influence", f"shape {iota.shape}", f"shape ({count},)")
         object.__setattr__(self, "influence", iota)
         force = LinearForce(self.stiffness) if self.restoring_force is None else self.restoring_force
         object.__setattr__(self, "restoring_force", force)
@@ -98,7 +98,7 @@ class Substructure:
             return np.asarray(given, dtype=np.float64)
         whole = given.size == 0 or np.issubdtype(given.dtype, np.integer)
         if given.ndim != 1 or not whole or not set(given.tolist()) <= set(range(count)) or len(set(given)) < len(given):
-            raise InputError(where, f"{self.interface!r}", allowed, "Each number once.")
+            raise InputError(where, f"{self.interface!r}", allowed, "Give each number once.")
         return np.asarray(np.eye(count)[given.astype(int)])
 
     @property
@@ -108,42 +108,42 @@ class Substructure:
 
     @cached_property
     def base_load(self) -> np.ndarray:
-        """−M ι, the load of a base acceleration of one, shape (dof,) [kg]."""
+        """−M ι, the load of a unit base acceleration, shape (dof,) [kg]."""
         return np.asarray(-self.mass @ self.influence)
 
     @property
     def force(self) -> RestoringForce:
-        """Its restoring force."""
-        assert self.restoring_force is not None  # __post_init__ has put one
+        """Restoring force of the part."""
+        assert self.restoring_force is not None  # set in __post_init__
         return self.restoring_force
 
     @property
     def linear(self) -> bool:
-        """Whether its restoring force is K₀ u."""
+        """True if the restoring force is K₀ u."""
         return isinstance(self.force, LinearForce) and np.array_equal(self.force.stiffness, self.stiffness)
 
     def softened(self, share: float) -> Substructure:
-        """The same part, answering linearly by a share of K₀, as after damage.
+        """The same part with a linear restoring force of a fraction of K₀, as after damage.
 
         Parameters
         ----------
         share : float
-            K_t/K₀, from 0.
+            Ratio K_t/K₀, 0 or more.
 
         Returns
         -------
         Substructure
-            With the same K₀.
+            Part with the same K₀.
         """
         return replace(self, restoring_force=LinearForce(share * self.stiffness))
 
     def undamped(self) -> Substructure:
-        """Leave out the damping.
+        """The same part without damping.
 
         Returns
         -------
         Substructure
-            The same part with C = 0.
+            Part with C = 0.
         """
         return replace(self, damping=0.0 * self.damping)
 
@@ -168,8 +168,8 @@ def proportional_damping(
 ) -> Float[np.ndarray, "dof dof"]:
     """Damping a₀ M + a₁ K₀ of a part, from frequencies of the whole structure.
 
-    ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with one of them a₀ = 0. Both coefficients belong to the whole structure, so that the
-    parts' damping adds up to its own.
+    ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with a single frequency, a₀ = 0. All parts have the coefficients of the whole structure,
+    so that their dampings add up to the damping of the whole structure.
     """
     if len(frequencies) == 1:
         return np.asarray(2.0 * ratio / frequencies[0] * stiffness)

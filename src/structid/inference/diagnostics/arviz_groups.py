@@ -20,7 +20,7 @@ LIBRARY = {
 }
 """Attributes of every group, as in the schema."""
 EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m", "rotation": "rad"}
-"""SI unit of an excitation, by its kind; several signals have one each."""
+"""SI unit of an excitation, by its kind; each of several signals has its own unit."""
 
 
 def groups_of_draws(
@@ -48,7 +48,7 @@ def groups_of_draws(
 def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
     """Variables of draws (chain, draw, parameter) in SI, each with its SI unit, its declared unit, and their ratio.
 
-    ``units`` is the netCDF convention's name, which xarray puts on axes.
+    ``units`` is the attribute of the netCDF convention that xarray prints on axes.
     """
     return {
         name: (
@@ -63,7 +63,7 @@ def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
 def groups_of_measurement(
     posterior: Posterior, theta: Float[np.ndarray, "draw parameter"], seed: int, predictions: bool
 ) -> dict[str, Any]:
-    """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood."""
+    """Groups that need a measurement: prior, predictions, observed data, excitation, pointwise log-likelihood."""
     import xarray
 
     prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values

@@ -21,10 +21,10 @@ def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[
         left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
         if best.of_another_size:
             left += (
-                f", and has {best.peak:.2g} times the measured peak: are the units of the measurement, of the record and of the "
-                "priors right, and numbers without a unit in SI"
+                f", and its peak is {best.peak:.2g} times the measured peak: check the units of measurement, record and priors; "
+                "numbers without a unit are in SI"
             )
-        sentences.append(left + ("?" if best.of_another_size else "."))
+        sentences.append(left + ".")
     if drift is not None and drift.found:
         sentences.append(drift.sentence(mean))
     return sentences
@@ -40,21 +40,21 @@ def surrogate_warnings(
     warnings = []
     if certified is None and _matters(posterior, stand_in, unexplained):
         warnings.append(
-            f"the surrogate's own error ({stand_in.relative_error:.1g} of the response's variance) is not small beside what the "
-            f"measurement leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more model runs, or let "
-            "structid.calibrate certify it"
+            f"the surrogate's error ({stand_in.relative_error:.1g} of the response's variance) is not small compared with the "
+            f"unexplained variance ({unexplained:.1g}): it may have shifted the posterior; do more model runs, or certify it with "
+            "structid.calibrate"
         )
     outside = float(stand_in.outside(np.asarray(posterior.model_parameters(draws))).mean())
     if outside > 0.0:
-        cure = "widen its design, or do more model runs there" if certified is None else "more model runs go there"
+        cure = "widen its design, or do more model runs there" if certified is None else "the next runs are made there"
         warnings.append(
-            f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where little is known of the model: "
+            f"{outside:.1%} of the draws lie outside the range of the surrogate's runs, where the surrogate is unreliable: "
             + cure
         )
     return warnings
 
 
 def _matters(posterior: Posterior, stand_in: StandIn, unexplained: float) -> bool:
-    """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
+    """Whether a surrogate's error changes the log-likelihood by more than `SURROGATE_NATS`: T/2 · ε/u."""
     samples = sum(len(o.values) for o in posterior.observations)
     return 0.5 * samples * stand_in.relative_error > SURROGATE_NATS * unexplained

@@ -15,7 +15,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.traceable import as_traceable
 
 SEEN = 1.0
-"""Information, relative to the prior's, below which the data say less about a combination than the prior."""
+"""Information relative to the prior's below which the data determine a combination less well than the prior."""
 
 
 @dataclass(frozen=True)
@@ -23,22 +23,22 @@ class Identifiability:
     """Fisher information of the model's parameters and nuisances, relative to the prior.
 
     With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
-    prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ says how many times better the data determine a
-    combination than the prior does (in variance).
+    prior's standard deviations s, F̃ = diag(s) F diag(s). An eigenvalue of F̃ is the factor by which the data determine a
+    combination better than the prior (in variance).
     """
 
     names: tuple[str, ...]  # parameters
     fisher: Float[np.ndarray, "parameter parameter"] = field(repr=False)  # F in SI
-    eigenvalues: Float[np.ndarray, " parameter"]  # of F̃, descending
+    eigenvalues: Float[np.ndarray, " parameter"]  # eigenvalues of F̃, descending
     # Columns: the combinations, in prior standard deviations
     eigenvectors: Float[np.ndarray, "parameter parameter"] = field(repr=False)
-    # √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone
+    # √diag F⁻¹ in SI: the smallest standard deviation of an unbiased estimate from these data alone
     cramer_rao_sd: Float[np.ndarray, " parameter"]
     prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)  # in SI
 
     @property
     def unseen(self) -> list[str]:
-        """Combinations about which the data say less than the prior, in words."""
+        """Parameter combinations, in words, that the data determine less well than the prior."""
         return [self.combination(i) for i in range(len(self.names)) if self.eigenvalues[i] < SEEN]
 
     def combination(self, index: int) -> str:
@@ -78,7 +78,7 @@ def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
     prior_sd = np.array([list(posterior.space.marginals.values())[i].moments[1] for i in kept])
     scaled = fisher * np.outer(prior_sd, prior_sd)
     eigenvalues, vectors = np.linalg.eigh(scaled)
-    # A combination without information has infinite variance, and so has every parameter with a part in it.
+    # A combination without information has infinite variance, and so has every parameter that contributes to it.
     dark = eigenvalues < 1e-13 * eigenvalues[-1]
     variance = (vectors**2 / np.where(dark, 1.0, eigenvalues)).sum(axis=1, where=~dark[None, :])
     variance = np.where((vectors**2 * dark).sum(axis=1) > 1e-10, np.inf, variance)

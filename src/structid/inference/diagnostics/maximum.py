@@ -36,7 +36,7 @@ class _NegativeLogDensity:
         self.names, self._target = target.names, target
         box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
         self.space = ParameterSpace(box)
-        # Inverted as a correlation: in SI the variances of a stiffness and of an error variance lie thirty decades apart.
+        # Inverted as a correlation matrix: in SI, variances of stiffnesses and of error variances differ by thirty decades.
         sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlation = covariance / np.outer(sd, sd)
         self._curvature = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) / np.outer(sd, sd)

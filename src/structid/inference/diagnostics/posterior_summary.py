@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class ErrorSD:
     """Standard deviation of the errors of a channel, in its display unit."""
 
-    variance: str  # name of its square among the parameters
+    variance: str  # name of the error variance
     unit: str  # display unit
     low: float  # 5 % quantile
     median: float  # median
@@ -38,7 +38,7 @@ class Summary(ShownAsText):
     # ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
     # ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``
     columns: dict[str, np.ndarray]
-    # Display unit of the standard deviation that belongs to each variance of the errors, by the name of the variance
+    # Display unit of the errors' standard deviation, by the name of their variance
     sd_units: dict[str, str] = field(default_factory=dict)
 
     def of(self, places: list[int]) -> Summary:
@@ -49,7 +49,7 @@ class Summary(ShownAsText):
         return replace(self, names=names, units=units, columns=columns, sd_units=sds)
 
     def row(self, name: str) -> dict[str, float]:
-        """Figures of one parameter."""
+        """All columns of one parameter, by name."""
         index = self.names.index(name)
         return {column: float(values[index]) for column, values in self.columns.items()}
 
@@ -59,7 +59,7 @@ class Summary(ShownAsText):
         sds = []
         for name, unit in self.sd_units.items():
             row, variance = self.row(name), factor(self.units[self.names.index(name)])
-            # The root is monotone, so that it carries quantiles over.
+            # The square root is monotone and therefore maps quantiles to quantiles.
             low, median, high = (np.sqrt(row[key] * variance) / factor(unit) for key in ("q05", "median", "q95"))
             sds.append(ErrorSD(name, unit, float(low), float(median), float(high)))
         return sds

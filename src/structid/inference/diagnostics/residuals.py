@@ -1,4 +1,4 @@
-"""Residuals of a fit: whitened residuals, whether they are white, and standard deviations for those that are not."""
+"""Whitened residuals of a fit, the test that they are white, and warnings if they are not."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from structid.inference.likelihood.posterior import Posterior
 LARGEST_CORRELATION = 0.2
 """Autocorrelation of a whitened residual at which the error model is considered wrong."""
 WHITE_BOUND = 5.0
-"""The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
+"""The same limit in standard deviations, 1/√T, of white noise's autocorrelation, since short histories are noisy."""
 SHARE_OF_LAGS = 0.1
-"""Lags that are examined, as a fraction of the history."""
+"""Largest examined lag, as a fraction of the history."""
 UNEVEN = 3.0
 """Ratio of a spectral peak to white noise above which it is reported; peaks of white noise reach 2.4."""
 MUCH_WIDER = 1.5
@@ -27,7 +27,7 @@ MUCH_WIDER = 1.5
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
-    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent unit normals if model and error model are right."""
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent unit normals if model and error model hold."""
 
     channel: str  # measured channel
     record: str  # name of the record
@@ -44,7 +44,7 @@ class WhitenedResidual:
 
     @property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies [Hz] and power relative to that of white noise (Welch), each of shape (frequency,)."""
+        """Frequencies [Hz] and power relative to white noise (Welch), both of shape (frequency,)."""
         segment = min(len(self.values), max(len(self.values) // 8, 64))
         frequency, power = scipy.signal.welch(self.values, 1.0 / self.dt, nperseg=segment)
         return frequency[1:], power[1:] / (2.0 * self.dt * self.values.var())
@@ -94,23 +94,23 @@ def residual_warnings(
 ) -> list[str]:
     """Warnings about residuals that the error model does not describe."""
     added = error_model.added
-    assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
+    assumed = "independent errors" if added.independent else f"the error model {added.describe()['kind']}"
     if error_model.inside:
-        assumed += f" beside {error_model.describe()['kind']} parameters"
+        assumed += f" with {error_model.describe()['kind']} parameters"
     correlated = [residual for residual in residuals if residual.correlated]
     if not correlated:
         return []
     each = ", ".join(_correlation_in_words(residual) for residual in correlated)
-    sentence = f"after whitening, residuals correlate as {assumed} would not leave them: {each}"
+    sentence = f"after whitening, the residuals are still correlated, which contradicts {assumed}: {each}"
     worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
     if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
-        sentence += f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see the robust sd)"
-    return [sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else "")]
+        sentence += f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see robust_sd)"
+    return [sentence + ("; use a correlated error model, such as damped_cosine" if added.independent else "")]
 
 
 def _correlation_in_words(residual: WhitenedResidual) -> str:
     value, lag = residual.largest
     return (
         f"{residual.channel} on {residual.record} by {value:.2f} at a lag of {lag:.3g} s "
-        f"(to be expected: within ±{residual.bound:.2f})"
+        f"(expected: within ±{residual.bound:.2f})"
     )

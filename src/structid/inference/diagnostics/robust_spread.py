@@ -1,4 +1,4 @@
-"""Standard deviations of posterior means that hold where model or error model are wrong, and their own uncertainty."""
+"""Standard deviations of posterior means that hold for a wrong model or error model, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class RobustSpread:
     """Variation of the posterior means over repeated measurements."""
 
     sd: Float[np.ndarray, " parameter"] = field(repr=False)  # standard deviations in SI
-    # Their own standard errors, as shares of them; 0 where they are the posterior's
+    # Relative standard errors of `sd`; 0 if `sd` equals the posterior's
     error: Float[np.ndarray, " parameter"] = field(repr=False)
 
     @property
     def same(self) -> bool:
-        """Whether they equal the posterior's own, because its residuals are white."""
+        """Whether they equal the posterior's standard deviations, because the residuals are white."""
         return not self.error.any()
 
     def at_least(self, sd: Float[np.ndarray, " parameter"]) -> RobustSpread:
@@ -36,21 +36,21 @@ class RobustSpread:
 
 
 def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> RobustSpread:
-    """Sandwich standard deviations of the posterior means: their variation over measurements if model or error model are wrong.
+    """Sandwich standard deviations of the posterior means: their variation over measurements for a wrong model or error model.
 
     The influence of the measurement at time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior (R.
     Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466); the variance of the mean
     is the long-run covariance of ψ. With the whitened response m and its influence a = Cov(m, θ_j), ψ_t = Σ_c a_tc e_tc. At the
-    fit the remaining e is (I − P) e, P the projection on all a, so that ψ sums to almost nothing and the estimate is too small.
-    Its expectation for white e is known,
+    fit, the residual is (I − P) e, with P the projection on all a. Therefore ψ sums to almost zero, and the estimate is too small.
+    Its expectation for white e is
 
     tr B,   B = diag(a) C W C diag(a) (I − P),
 
-    with the window's Toeplitz matrix W and the centring matrix C; it should be Σa², to which it is scaled. Its relative standard
+    with the window's Toeplitz matrix W and the centring matrix C. It should be Σa², and is scaled to this. Its relative standard
     error is ½ √(2 tr B²)/tr B, where P is omitted in B².
     """
     influences = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
-    # One basis of what the parameters can follow, over all observations.
+    # A common basis, over all observations, of the responses that the parameters can produce.
     basis, _ = np.linalg.qr(np.concatenate([influence.reshape(-1, influence.shape[2]) for _, influence in influences]))
     raw = np.zeros(posterior.dimension)
     corrected, expected, squared, first = raw.copy(), raw.copy(), raw.copy(), 0

@@ -1,9 +1,9 @@
 """Check by a second, different sampler that draws represent their density.
 
-Particles from the prior lose narrow modes and creep along ridges. Chains depend on where they began. Modes are therefore searched
-for by optimisation, from the draws, from known points (such as a calibration's model runs) and from the prior. Particles then
-begin around all of these modes evenly, and are tempered from there to the density. They do not use the masses that the first
-sampler gave to the modes.
+Particles from the prior lose narrow modes and move slowly along ridges. Chains depend on their starting points. Modes are
+therefore searched by optimisation from the draws, from known points (such as a calibration's model runs) and from the prior.
+Particles then start evenly around all these modes and are tempered to the density. The masses of the modes in the first
+sampler's draws are not used.
 """
 
 from __future__ import annotations
@@ -28,18 +28,17 @@ from structid.inference.sampling.smc.smc import SMC
 from structid.inference.target import Target
 
 SCOUTS = 100
-"""Draws of the prior from which modes are searched for, times the square of the number of parameters."""
+"""Number of prior draws that start a search for modes, per square of the number of parameters."""
 DRAWN = 10
-"""Factor on the draws of the prior from which these are chosen."""
+"""Number of prior draws per chosen starting point of a search."""
 MOST_DRAWN = 100_000
-"""Largest number of draws of the prior, unless the scouts alone are more."""
+"""Largest number of prior draws, unless the chosen starting points alone are more."""
 NEGLIGIBLE = 1e-3
 """Mass of a mode, relative to the total by Laplace's approximation, below which it is ignored."""
 TOLERANCE = 0.05
-"""Accepted differences: of the mass fractions of modes, of means in standard deviations, of standard deviations relative to
-each other."""
+"""Accepted difference of modes' mass fractions, of means (in standard deviations), and of standard deviations (relative)."""
 EVIDENCE = 0.25
-"""Accepted difference of log Z [nat]. A tempering run along a ridge loses as much, and draws that miss a fifth of the
+"""Accepted difference of log Z [nat]. A tempering run along a ridge loses this much, and draws that miss a fifth of the
 probability also differ in mass fractions, means or standard deviations."""
 ERRORS = 3.0
 """Standard errors beyond the tolerance at which two samplers disagree."""
@@ -48,7 +47,7 @@ PARTICLES = 2000
 EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
 """The second sampler."""
 LONGEST = 16
-"""Factor on its steps in a second attempt after a disagreement; their first half is discarded."""
+"""Factor on the second sampler's steps in a second attempt after a disagreement; the first half of them is discarded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +57,13 @@ class Representation(ShownAsText):
     names: tuple[str, ...]  # parameters, or their logarithms; see `Target.compared`
     # Local maxima in SI, of the density with respect to unconstrained coordinates
     modes: Float[np.ndarray, "mode parameter"]
-    # Share of the draws that is nearest to each mode, by the first explorer and by the second
-    shares: Float[np.ndarray, " mode"]
-    # Share of the draws that is nearest to each mode, by the first explorer and by the second
-    shares_again: Float[np.ndarray, " mode"]
-    # How far apart the means are, in standard deviations, and the standard error of that
-    mean_gap: Float[np.ndarray, " parameter"]
-    # How far apart the means are, in standard deviations, and the standard error of that
-    mean_error: Float[np.ndarray, " parameter"]
-    # How much larger the second explorer's standard deviations are, as a share, and the standard error of that
-    sd_gap: Float[np.ndarray, " parameter"]
-    # How much larger the second explorer's standard deviations are, as a share, and the standard error of that
-    sd_error: Float[np.ndarray, " parameter"]
-    evidence_gap: float  # log Z of the second sampler minus that of the first; NaN where the first has none
+    shares: Float[np.ndarray, " mode"]  # fraction of the first sampler's draws nearest to each mode
+    shares_again: Float[np.ndarray, " mode"]  # fraction of the second sampler's draws nearest to each mode
+    mean_gap: Float[np.ndarray, " parameter"]  # difference of the means, in standard deviations
+    mean_error: Float[np.ndarray, " parameter"]  # standard error of `mean_gap`
+    sd_gap: Float[np.ndarray, " parameter"]  # second sampler's standard deviation over the first's, minus 1
+    sd_error: Float[np.ndarray, " parameter"]  # standard error of `sd_gap`
+    evidence_gap: float  # log Z of the second sampler minus log Z of the first; NaN if the first has none
     failures: tuple[str, ...]  # disagreements, one sentence each
 
     @property
@@ -93,8 +86,8 @@ class Representation(ShownAsText):
         worst, widest = int(np.argmax(np.abs(self.mean_gap))), int(np.argmax(np.abs(self.sd_gap)))
         modes = "one mode" if len(self.modes) == 1 else f"{len(self.modes)} modes"
         heading = (
-            f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} ± "
-            f"{self.mean_error[worst]:.1g} standard deviations apart, the standard deviations of {self.names[widest]} by "
+            f"a second sampler finds {modes}; the means of {self.names[worst]} differ by {abs(self.mean_gap[worst]):.2g} ± "
+            f"{self.mean_error[worst]:.1g} standard deviations, the standard deviations of {self.names[widest]} by "
             f"{abs(self.sd_gap[widest]):.1%} ± {self.sd_error[widest]:.1%}"
         )
         if len(self.modes) > 1:
@@ -119,7 +112,7 @@ def check_representation(
     modes = _modes(target, some, density, known, stream(seed, Purpose.SMC_SCOUTS))
     reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
     again = derived_seed(seed, Purpose.BESIDE)
-    for times in dict.fromkeys((1, longest)):  # of two that disagree the second may be the one that is wrong
+    for times in dict.fromkeys((1, longest)):  # after a disagreement, the second sampler may be wrong
         longer = replace(explorer, steps=times * explorer.steps)
         second = longer.run(reference, again, None, [], lambda _index, _block: None)
         comparison = _compared(
@@ -138,8 +131,8 @@ def _compared(
     settled: np.ndarray,
     evidence: Evidence | None,
 ) -> Representation:
-    """Compare draws with those of the second sampler after it has settled."""
-    assert second.log_evidence is not None  # of a tempered sampler
+    """Compare draws with the second sampler's draws after it has settled."""
+    assert second.log_evidence is not None  # a tempered sampler estimates it
     again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
     shares = [_labelled(modes, points) for points in (phi, settled)]
@@ -165,7 +158,7 @@ def _compared(
 def _modes(
     target: Target, phi: np.ndarray, density: np.ndarray, known: np.ndarray, rng: np.random.Generator
 ) -> list[Mode]:
-    """All relevant modes, searched for from the draws, from known points and from the prior."""
+    """All relevant modes, found from the draws, from known points and from the prior."""
     count = SCOUTS * target.dimension**2 if target.knows_prior else 0
     many = target.initial(max(count, min(DRAWN * count, MOST_DRAWN)), rng) if count else phi[:0]
     modes = all_modes(target, phi, density, target.bijection.inverse(known), many, count)
@@ -195,8 +188,8 @@ def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
         gap = abs(shares[0].mean() - shares[1].mean())
         if gap > TOLERANCE + ERRORS * error:
             sentences.append(
-                f"of the draws {shares[0].mean():.0%} lie at mode {mode + 1} of {first.shape[-1]}, and {shares[1].mean():.0%} of a "
-                "second explorer's, which begins at all modes evenly"
+                f"{shares[0].mean():.0%} of the draws lie at mode {mode + 1} of {first.shape[-1]}, but {shares[1].mean():.0%} of "
+                "the draws of a second sampler, which starts evenly at all modes"
             )
     return sentences
 
@@ -218,7 +211,7 @@ def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
         centre, sd = first_draws.mean(), first_draws.std()
         if sd == 0.0:
             continue
-        # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
+        # The mean of a standardised parameter and of its square; a standard deviation has half the relative error of the square.
         standard = [(x - centre) / sd for x in (first_draws, second_draws)]
         error = math.hypot(*(standard_error(x) for x in standard))
         error_of_square = math.hypot(*(standard_error((x - x.mean()) ** 2) for x in standard))
@@ -233,9 +226,9 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
         return []
     if of_means.max() >= of_sds.max():
         worst = int(np.argmax(of_means))
-        return [f"a second explorer puts the mean of {names[worst]} {gaps.mean[worst]:+.2f} standard deviations away"]
+        return [f"a second sampler shifts the mean of {names[worst]} by {gaps.mean[worst]:+.2f} standard deviations"]
     worst = int(np.argmax(of_sds))
-    return [f"a second explorer finds {1.0 + gaps.sd[worst]:.2f} times the standard deviation of {names[worst]}"]
+    return [f"a second sampler gives {1.0 + gaps.sd[worst]:.2f} times the standard deviation of {names[worst]}"]
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
@@ -243,7 +236,5 @@ def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
     gap, error = second - first
     if abs(gap) <= EVIDENCE + ERRORS * error:
         return []
-    missing = (
-        "the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, and proves nothing"
-    )
-    return [f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: {missing}"]
+    missing = "the draws have missed a part" if gap > 0.0 else "it has missed a part, so that this check proves nothing"
+    return [f"a second sampler finds {np.exp(gap):.2g} times the total probability: {missing}"]

@@ -1,4 +1,4 @@
-"""The verdict on a run: whether it has converged, and what contradicts it."""
+"""The verdict on a run: its convergence, and evidence against its results."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ TAILS = (0.01, 0.99)
 SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
 """Explanation added to an effective sample size."""
 ERRORS_APART = 5.0
-"""Standard errors by which two estimates may differ: the largest of some dozens of comparisons."""
+"""Largest accepted difference of two estimates, in standard errors, among some dozens of comparisons."""
 
 
 @dataclass(frozen=True)
 class Verdict(ShownAsText):
-    """Whether a run may be believed, and why not.
+    """Assessment of a run: its convergence, and evidence against the model and the error model.
 
     Parameters
     ----------
     converged : bool
-        True only if nothing in `failures` was found.
+        True only if `failures` is empty.
     failures : tuple of str
-        What speaks against convergence, one sentence each.
+        Evidence against convergence, one sentence each.
     warnings : tuple of str
-        What the reader must know besides convergence.
+        Warnings on other aspects than convergence, one sentence each.
     wrong_model : tuple of str
-        What speaks against the model; not judged before the run has converged.
+        Evidence against the model; not assessed before the run has converged.
     wrong_error_model : tuple of str
-        What speaks against the error model; likewise.
+        Evidence against the error model; not assessed before the run has converged.
     against_priors : tuple of PriorWarning
-        Which of the warnings are of priors that the data contradict, and what to do about each.
+        Warnings about priors that the data contradict, each with advice.
     parameters : dict of str to ParameterDiagnostics
-        The figures behind it.
+        Convergence diagnostics of each parameter.
     acceptance : ndarray, shape (ensemble, walker)
         Acceptance rate over the kept steps.
     stuck : int
         Number of stuck walkers.
     failed_simulations : int
-        Simulations within the prior's support that failed; they count as −inf.
+        Number of failed simulations within the prior's support; their log-likelihood is −inf.
     best : BestPrediction
-        How well the best prediction fits the measurement.
+        Fit of the best prediction to the measurement.
     kept_steps : int
-        Steps kept after the start was dropped.
+        Number of steps kept after the discarded start.
     needed_length : float
-        Number of autocorrelation times that these steps must span: many for a chain, few for a large population.
+        Number of autocorrelation times that the kept steps must span: many for a chain, few for a large population.
     """
 
     converged: bool
@@ -82,7 +82,7 @@ class Verdict(ShownAsText):
 
     @property
     def another_size(self) -> bool:
-        """Whether that prediction differs from the measurement so much in size that a unit is probably wrong."""
+        """Whether the best prediction differs from the measurement so much in size that a unit is probably wrong."""
         return self.best.of_another_size
 
     wrong_law = renamed_attribute("wrong_law", "wrong_error_model")
@@ -92,16 +92,16 @@ class Verdict(ShownAsText):
         """Heading for a wrong model or error model; empty where nothing contradicts them."""
         if self.wrong_model:
             return "The model is wrong for these data"
-        return "The errors are not what their error model assumes" if self.wrong_error_model else ""
+        return "The errors contradict the error model" if self.wrong_error_model else ""
 
     def __str__(self) -> str:
         head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
         lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
         if not self.converged:
-            lines.append("  Priors, model and error model are judged once the run has converged.")
+            lines.append("  Priors, model and error model are assessed once the run has converged.")
         if self.converged and not self.doubt and np.isfinite(self.unexplained):
             lines.append(
-                "  Nothing speaks against the model; its best prediction leaves "
+                "  There is no evidence against the model; its best prediction leaves "
                 f"{100.0 * self.unexplained:.2g} % of the measured variance unexplained."
             )
         if self.doubt:
@@ -118,7 +118,7 @@ def convergence_failures(
     """Evidence against convergence, one sentence each."""
     failures: list[str] = []
     if ensembles < 2:
-        failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
+        failures.append("a single ensemble has no independent chain for comparison; run at least 2 ensembles")
     else:
         name, worst = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].r_hat, nan=np.inf))
         if not worst.r_hat < R_HAT_LIMIT:
@@ -127,8 +127,8 @@ def convergence_failures(
     if not kept_steps >= needed_length * slowest.autocorrelation_time:
         times = f"{kept_steps / slowest.autocorrelation_time:.2g}"
         failures.append(
-            f"{kept_steps} kept steps are {times} autocorrelation time{'' if times == '1' else 's'} of {name} "
-            f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
+            f"{kept_steps} kept steps span {times} autocorrelation time{'' if times == '1' else 's'} of {name} "
+            f"(τ = {slowest.autocorrelation_time:.3g} steps); {needed_length:g} or more are needed"
         )
     for kind in ("bulk", "tail", "far tail"):
         sizes = {n: getattr(p, f"{kind.replace(' ', '_')}_size") for n, p in parameters.items()}
@@ -154,8 +154,8 @@ def unrest(
     index, errors = max(moving.items(), key=lambda item: abs(item[1]))
     quantity = (*names, "the log density")[index]
     return [
-        f"the particles are not at rest: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard errors "
-        "while they move, and what they have not reached is neither in the draws nor in the evidence"
+        f"the particles are not in equilibrium: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard "
+        "errors while they move; regions they have not reached are missing in the draws and in the evidence"
     ]
 
 
@@ -164,17 +164,15 @@ def disagreements(
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     beside: Float[np.ndarray, "_ _ _ parameter"],
 ) -> list[str]:
-    """Compare draws with those of an independent population: means, and masses beyond the 1 and 99 % quantiles.
+    """Compare draws with an independent population: means, and masses beyond the 1 and 99 % quantiles.
 
-    A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
+    A few chains that all miss a mode, or part of a heavy tail, agree with one another.
     """
     sentences = []
     for index, name in enumerate(names):
         own_draws, other_draws = draws[..., index], beside[..., index]
         gap = _errors_apart(own_draws, other_draws)
-        sentences.append(
-            (gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere")
-        )
+        sentences.append((gap, f"the mean of {name} in an independent population differs by {gap:.0f} standard errors"))
         for probability, edge in zip(TAILS, np.quantile(own_draws, TAILS), strict=True):
             beyond = [
                 (x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (own_draws, other_draws)
@@ -182,8 +180,8 @@ def disagreements(
             sentences.append(
                 (
                     _errors_apart(*beyond),
-                    f"beyond the {probability:.0%} quantile of {name} lie {beyond[1].mean():.1%} of an independent population: the "
-                    "chains do not go far enough into the tail, or the population too far",
+                    f"{beyond[1].mean():.1%} of an independent population lie beyond the {probability:.0%} quantile of {name}: the "
+                    "chains cover too little of the tail, or the population too much",
                 )
             )
     gap, sentence = max(sentences)

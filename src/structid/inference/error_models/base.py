@@ -17,7 +17,7 @@ from structid.probability.truncation import Marginal
 
 
 class ErrorModel(ABC):
-    """What may be wrong between model and measurement: errors inside the model, and errors ε added to its response."""
+    """Errors between model and measurement: errors inside the model, and errors ε added to its response."""
 
     @property
     @abstractmethod
@@ -26,7 +26,7 @@ class ErrorModel(ABC):
 
     @property
     def inside(self) -> bool:
-        """Whether there are errors inside the model, too."""
+        """Whether there are also errors inside the model."""
         return self.added is not self
 
     def among(self, space: ParameterSpace, duration: float) -> ErrorModel:
@@ -37,12 +37,12 @@ class ErrorModel(ABC):
         space : ParameterSpace
             The model's parameters and their priors.
         duration : float
-            Of the first record [s].
+            Duration of the first record [s].
 
         Returns
         -------
         ErrorModel
-            The same one, where it does not depend on them.
+            This error model itself if it does not depend on the parameters.
         """
         return self
 
@@ -52,17 +52,17 @@ class ErrorModel(ABC):
         return {}
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
-        """Values inside the model that each observation has for itself: sampled, but of no interest by themselves.
+        """Latent values inside the model, separate for each observation; they are sampled, but results omit them.
 
         Parameters
         ----------
         duration : float
-            Of its record [s].
+            Duration of the observation's record [s].
 
         Returns
         -------
         dict of str to Marginal
-            Their priors.
+            Prior of each latent value.
         """
         return {}
 
@@ -72,29 +72,29 @@ class ErrorModel(ABC):
         Parameters
         ----------
         duration : float
-            Of the record [s].
+            Duration of the record [s].
 
         Returns
         -------
         dict of pair of str to tuple of str
-            For the names of a mean and a standard deviation those of the hidden values, which are standardised.
+            Names of the hidden values, which are standardised, by the names of their mean and standard deviation.
         """
         return {}
 
     def responding(self, model: Model, duration: float) -> Model:
-        """Return the model with the errors inside.
+        """Return the model with the errors inside it.
 
         Parameters
         ----------
         model : Model
             The model.
         duration : float
-            Of the record that drives it [s].
+            Duration of the driving record [s].
 
         Returns
         -------
         Model
-            The same, where no errors are inside.
+            The model itself if no errors are inside it.
         """
         return model
 
@@ -104,11 +104,11 @@ class ErrorModel(ABC):
 
 
 class Discrepancy(ErrorModel):
-    """An error model for ε, added to the response, with parameters of its own, which are inferred with the model's.
+    """Error model of ε, which is added to the response; its parameters are inferred together with the model's.
 
     Examples
     --------
-    `tests/architecture/trial/new_discrepancy.py` is a complete one, with Laplace's density.
+    `tests/architecture/trial/new_discrepancy.py` is a complete example, with Laplace's density.
 
     >>> import numpy as np
     >>> import structid as si
@@ -125,7 +125,7 @@ class Discrepancy(ErrorModel):
 
     @property
     def of_the_model(self) -> Discrepancy | None:
-        """The part of ε that may be the model's own error, i.e. what is correlated in time; None if nothing is."""
+        """The part of ε that is correlated in time and may be the model's error; None if no part is."""
         return None
 
     independent: ClassVar[bool] = False
@@ -134,14 +134,14 @@ class Discrepancy(ErrorModel):
     def log_likelihood_of_squares(
         self, squares: Float[Array, "channel run"], samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Float[Array, " run"]:
-        """Log density of a residual from its sum of squares, inside JAX; for error models that need only that.
+        """Log density of a residual from its sum of squares, inside JAX; for independent normal errors.
 
         Parameters
         ----------
         squares : jax.Array, shape (channel, run)
             Sum over time of the squared residual.
         samples : int
-            How many were summed.
+            Number of summed samples.
         unknown : mapping of str to jax.Array (run,)
             The unknown parameters.
         channels : tuple of str
@@ -157,7 +157,7 @@ class Discrepancy(ErrorModel):
     def fold(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int
     ) -> Fold | None:
-        """Give the log density of a residual as a fold over its samples, inside JAX, for an error model that has one.
+        """Return the log density of a residual as a fold over its samples, inside JAX, if the error model has one.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class Discrepancy(ErrorModel):
         channels : tuple of str
             Names of the channels.
         runs : int
-            How many.
+            Number of runs.
         dt : float
             Time step [s].
         samples : int
@@ -175,7 +175,7 @@ class Discrepancy(ErrorModel):
         Returns
         -------
         Fold or None
-            Of samples (channel, run) to the log-likelihood (run,); None for an error model that needs the whole residual.
+            Fold from samples (channel, run) to the log-likelihood (run,); None if the whole residual is needed.
         """
         return None
 
@@ -191,14 +191,14 @@ class Discrepancy(ErrorModel):
         channels : tuple of str
             Names of the channels.
         runs : int
-            How many runs.
+            Number of runs.
         numpy : module
             ``numpy``, or ``jax.numpy`` inside JAX.
 
         Returns
         -------
         array, shape (channel, run)
-            In the square of each channel's SI unit.
+            Variances in the square of each channel's SI unit.
         """
         raise NotImplementedError(f"{type(self).__name__} has no independent errors")
 
@@ -217,12 +217,12 @@ class Discrepancy(ErrorModel):
         dt : float
             Its time step [s].
         units : tuple of str
-            SI unit of each channel, empty where it is not known.
+            SI unit of each channel, empty if unknown.
 
         Returns
         -------
         dict of str to Marginal
-            Empty if everything is known.
+            Empty if all parameters are known.
         """
 
     @abstractmethod
@@ -247,7 +247,7 @@ class Discrepancy(ErrorModel):
         dt : float
             Time step [s].
         white : jax.Array (channel, run) or float
-            Further variance of independent errors, such as a surrogate's.
+            Additional variance of independent errors, such as a surrogate's error variance.
 
         Returns
         -------
@@ -263,7 +263,7 @@ class Discrepancy(ErrorModel):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[Array, "time channel run"]:
-        """Log density of every observation given those before it, inside JAX.
+        """Log density of every observed value given the earlier values, inside JAX.
 
         Parameters
         ----------
@@ -318,7 +318,7 @@ class Discrepancy(ErrorModel):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw ε.
+        """Draw errors ε.
 
         Parameters
         ----------

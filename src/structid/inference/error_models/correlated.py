@@ -4,7 +4,7 @@
 
     x_{t+1} = F x_t + q_t,   q ~ N(0, P∞ − F P∞ Fᵀ),   s_t = (1, 0, …) x_t
 
-so that sampled at a constant step it has exactly the kernel it is named after (J. Hartikainen & S. Särkkä 2010,
+Sampled at a constant step, s has exactly the kernel that names the error model (J. Hartikainen & S. Särkkä 2010,
 doi 10.1109/MLSP.2010.5589113; damped cosine: D. Foreman-Mackey et al. 2017, doi 10.3847/1538-3881/aa9332).
 """
 
@@ -32,13 +32,13 @@ Matrix = list[list[Any]]
 """A small matrix whose entries are arrays over channels and runs."""
 
 State = tuple[Any, Any]
-"""Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all before it."""
+"""Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all earlier samples."""
 
 Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
 """Maps a state and the current measurements to the next state and to the innovation v with its precision 1/S."""
 
 HUGE = 1e100
-"""Unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed the range of a float."""
+"""Scaling unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed the range of a float."""
 
 SMALLEST_WHITE = 1e-10
 """Fraction of the correlated variance added to the white variance, so that a smooth process stays regular."""
@@ -49,7 +49,7 @@ class Correlated(Discrepancy):
     """Common part of the correlated error models: a variance, a white variance, and the parameters of a kernel.
 
     Every parameter is known (a number), has a prior (a Marginal), or is omitted. If omitted, a variance has the prior U(0,
-    max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
+    max|y|²), and a time or frequency has a lognormal prior over the range that the measurement can resolve.
     """
 
     variance: float | Marginal | None = None  # σ² of the correlated part, in the square of the channel's SI unit
@@ -66,10 +66,10 @@ class Correlated(Discrepancy):
 
     @property
     def of_the_model(self) -> Discrepancy:
-        """The correlated part alone."""
+        """Error model of the correlated part alone."""
         return replace(self, white=0.0)
 
-    # --- what a kernel says -------------------------------------------------------------------------------------
+    # --- properties of a kernel ---------------------------------------------------------------------------------
 
     @classmethod
     @abstractmethod
@@ -94,7 +94,7 @@ class Correlated(Discrepancy):
         for i, (channel, unit) in enumerate(zip(channels, units, strict=True)):
             peak = float(np.abs(values[:, i]).max())
             if peak == 0.0:
-                raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")
+                raise InputError(f"observation, channel '{channel}'", "zero throughout", "a varying response")
             for name in ("variance", "white", *self._shapes()):
                 given = getattr(self, name)
                 if isinstance(given, (int, float)):
@@ -151,8 +151,8 @@ class Correlated(Discrepancy):
     ) -> tuple[State, Step, Any]:
         """Distribution of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
 
-        A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
-        arrays, and slow ones over many small ones.
+        A state is the mean of x and the upper triangle of its covariance, each stored as one array. XLA compiles fast loops over
+        a few large arrays, but slow loops over many small arrays.
         """
         transition, noise, stationary, white = self._system(unknown, channels, runs, dt, jnp)
         white = white + more_white
@@ -166,7 +166,7 @@ class Correlated(Discrepancy):
             mean, covariance = state
             # v = y − m₀, S = P₀₀ + R
             error, precision = measured - mean[0], 1.0 / (covariance[0] + white)
-            # P − P₀ P₀ᵀ/S, of which the first row, where an upper triangle begins, is P₀ R/S
+            # P − P₀ P₀ᵀ/S; its first row, with which the upper triangle begins, is P₀ R/S
             updated = [
                 covariance[at] * (white * precision)
                 if i == 0
@@ -219,7 +219,7 @@ class Correlated(Discrepancy):
         start, step, first = self._filter(unknown, channels, runs, dt, more_white)
 
         def sample(carry: Any, measured: Any) -> Any:
-            # A logarithm costs more than the rest of a step. So log Π S₁/S is taken once, of a product in units of HUGE.
+            # A logarithm costs more than all other operations of a step, so it is taken once, of Π S₁/S in units of HUGE.
             state, squares, product, units = carry
             state, (error, precision) = step(state, measured)
             product = product * (first * precision)
@@ -243,7 +243,7 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
     ) -> Float[Array, "time channel run"]:
-        """Log density of every value given those before it; see `Discrepancy.pointwise`."""
+        """Log density of every value given the earlier values; see `Discrepancy.pointwise`."""
         error, precision = self._innovations(residual, unknown, channels, dt)
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
@@ -292,13 +292,13 @@ class Correlated(Discrepancy):
 
 
 def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
-    """Contribution of an entry of a symmetric P, and the opposite one, to an entry of F P Fᵀ."""
+    """Contribution of an entry of a symmetric P, and of its mirror entry, to an entry of F P Fᵀ."""
     (i, j), (p, q) = to, of
     share = transition[i][p] * transition[j][q]
     return share if p == q else share + transition[i][q] * transition[j][p]
 
 
 def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:
-    """Name of a parameter among those of a posterior."""
+    """Name of an error-model parameter in a posterior."""
     plain = {"variance": "sigma2", "white": "sigma2_white"}.get(parameter, parameter)
     return f"{plain}_{channel}" if len(channels) > 1 else plain

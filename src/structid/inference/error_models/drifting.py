@@ -24,7 +24,7 @@ SPANS = 5
 """Default number of intervals between knots in the first record."""
 
 MOST_SPANS = 100
-"""Largest number of intervals in the first record: each knot is a further sampled parameter for every drifting one."""
+"""Largest number of intervals in the first record: each knot adds a sampled value for every drifting parameter."""
 
 DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
 """Prior of a drift relative to the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
@@ -33,19 +33,19 @@ DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Drifting(ErrorModel):
-    """y = M(θ + d∘b(t)) + ε: a wrong model's parameters are not those of the structure all the time, but drift about their mean.
+    """y = M(θ + d∘b(t)) + ε: the parameters of a wrong model are not constant, but drift about their mean.
 
-    b_j(t) is linear between knots, where it is N(0, 1). Its standard deviations d_j have lognormal priors, 95 % of which lie
+    b_j(t) is N(0, 1) at knots and linear between them. The standard deviations d_j have lognormal priors, 95 % of which lie
     between a hundredth and one prior standard deviation of θ_j. The response itself is computed with the drifting parameters,
-    so that nothing depends on where a sensitivity was taken. θ_j are means over time; the spread √(sd² + d_j²) is that of the
-    parameter at any one time, and what predictions of other records use.
+    without a linearisation. θ_j are means over time. The spread of a parameter at any time is √(sd² + d_j²), which
+    predictions of other records use.
 
     Parameters
     ----------
     every : float, optional
-        Time between knots [s]; a fifth of the first record where it is left out.
+        Time between knots [s]; by default a fifth of the first record.
     errors : Discrepancy
-        Error model of the ε that are added to the response.
+        Error model of ε, which is added to the response.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Drifting(ErrorModel):
 
     def __post_init__(self) -> None:
         if self.every is not None and not (isinstance(self.every, (int, float)) and 0.0 < self.every < np.inf):
-            raise InputError("Drifting(every)", f"{self.every}", "a time between knots in seconds, or nothing")
+            raise InputError("Drifting(every)", f"{self.every}", "a time between knots in seconds, or None")
 
     @property
     def added(self) -> Discrepancy:
@@ -75,13 +75,13 @@ class Drifting(ErrorModel):
                 "Drifting(every)",
                 f"{self.every:g} s, which puts {duration / self.every:.0f} knots in a record of {duration:g} s",
                 f"{duration / MOST_SPANS:.3g} s or more",
-                "Parameters that change with every cycle explain any measurement.",
+                "Use a longer time: parameters that change with every cycle explain any measurement.",
             )
         return replace(self, every=self.every or duration / SPANS, _space=space)
 
     @property
     def _drifting(self) -> ParameterSpace:
-        assert self._space is not None, "an error model that a posterior has bound to its parameters"
+        assert self._space is not None, "a posterior must first bind the error model to its parameters"
         return self._space
 
     def _knots(self, duration: float) -> int:
@@ -100,11 +100,11 @@ class Drifting(ErrorModel):
         return priors
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
-        """Give the values of every b_j at the knots; see `ErrorModel.hidden_parameters`."""
+        """Values of every b_j at the knots; see `ErrorModel.hidden_parameters`."""
         return {name: Normal(0.0, 1.0) for name in knot_names(self._drifting.names, self._knots(duration))}
 
     def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
-        """Give the values at the knots of each parameter; see `ErrorModel.scatters`."""
+        """Values of each parameter at the knots; see `ErrorModel.scatters`."""
         knots = self._knots(duration)
         return {(name, drift_name(name)): knot_names((name,), knots) for name in self._drifting.names}
 
@@ -114,12 +114,12 @@ class Drifting(ErrorModel):
         return DriftingModel(model, self._drifting, self._knots(duration), self.every)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, the time between knots, and the model of the added errors."""
+        """Return the kind, the time between knots, and the error model of the added errors."""
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 
 ERRORS = {kind.word: kind.error_model for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
-"""Error models added to the response besides the drift, by their name in a study file."""
+"""Error models of the errors added to the response, by their names in a study file."""
 
 
 def _of_words(every: float | None = None, errors: str = "iid") -> Drifting:

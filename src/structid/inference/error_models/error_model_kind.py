@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 from typing import Any
 
 SQUARED = "squared channel"
-"""Stands for the square of the channel's SI unit."""
+"""Placeholder for the square of the channel's SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorModelKind:
-    """One error model: its word and its keys in a study file.
+    """One error model: its name and its keys in a study file.
 
     Parameters
     ----------
     error_model : callable
-        The class, or what builds the error model from the keys.
+        The class, or a function that builds the error model from the keys.
     word : str
-        ``kind`` in a study file.
+        Value of ``kind`` in a study file.
     quantities : mapping of str to str
-        Keys that are a number or a prior, and their SI unit, or `SQUARED`.
+        Keys whose value is a number or a prior, with their SI unit or `SQUARED`.
     switches : mapping of str to tuple
-        Other keys: the type as pydantic reads it, and the default.
+        Other keys, with their pydantic type and their default.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""All error models. A new one is a file with its `ErrorModelKind` and a line here."""
+"""All error models. A new error model needs a file with its `ErrorModelKind` and a line here."""
 
 from __future__ import annotations
 

@@ -23,14 +23,14 @@ from structid.probability.truncation import Marginal
 class IID(Discrepancy):
     """Independent, identically distributed Gaussian discrepancy.
 
-    log L = −½ T log(2πσ²) − ‖y − M(θ)‖² / (2σ²) for each variance σ², T being the number of values that share it.
+    log L = −½ T log(2πσ²) − ‖y − M(θ)‖² / (2σ²) for each variance σ², which T values share.
 
     Parameters
     ----------
     variance : float, Marginal, mapping of channel to either, or None
         A known σ² in the square of the channel's SI unit; its prior; or None for the prior U(0, max|y|²).
     per_channel : bool, optional
-        A σ² for each channel, or one for all; by default one each, since channels differ in unit.
+        Whether each channel has its own σ², or all share one; by default each has its own, since channels differ in unit.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class IID(Discrepancy):
             return self.variance
         if channel not in self.variance:
             raise InputError(
-                "IID(variance)", f"nothing for channel '{channel}'", "a variance or a prior for every channel"
+                "IID(variance)", f"no variance for channel '{channel}'", "a variance or a prior for every channel"
             )
         return self.variance[channel]
 
@@ -134,22 +134,22 @@ class IID(Discrepancy):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind and what was given for the variance."""
+        """Return the kind and the given variance."""
 
-        def said(value: float | Marginal | None) -> Any:
+        def plain(value: float | Marginal | None) -> Any:
             return value.describe() if isinstance(value, Marginal) else value
 
         variance = (
-            {c: said(v) for c, v in self.variance.items()}
+            {c: plain(v) for c, v in self.variance.items()}
             if isinstance(self.variance, Mapping)
-            else said(self.variance)
+            else plain(self.variance)
         )
         return {"kind": "iid", "variance": variance, "per_channel": self.per_channel}
 
 
 def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
     """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
-    # A point on the edge of its prior may have no variance: its density is −inf or NaN, and NumPy would warn.
+    # A point on the edge of its prior may have zero variance; its density is −inf or NaN, and NumPy would warn.
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = namespace(variance).log(2.0 * np.pi * variance)
         return (-0.5 * samples * logarithm - 0.5 * squares / variance).sum(axis=0)

@@ -47,9 +47,9 @@ class AR1(CorrelatedInTime):
         σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
         prior is U(0, max|y|²).
     white : float, Marginal or None
-        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
+        Variance of added white noise: a number or a prior. ``white=0.0`` omits it, which may change the evidence by some nats.
     correlation_time : float, Marginal or None
-        ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
+        ℓ [s]: a number or a prior. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
 
     Examples
     --------
@@ -76,14 +76,14 @@ class Matern32(CorrelatedInTime):
         σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
         prior is U(0, max|y|²).
     white : float, Marginal or None
-        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
+        Variance of added white noise: a number or a prior. ``white=0.0`` omits it, which may change the evidence by some nats.
     correlation_time : float, Marginal or None
-        ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
+        ℓ [s]: a number or a prior. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
 
     Examples
     --------
     >>> import structid as si
-    >>> errors = si.Matern32(white=0.0)  # no white noise besides
+    >>> errors = si.Matern32(white=0.0)  # without white noise
     >>> errors.describe()["kind"]
     'matern32'
     """
@@ -106,7 +106,7 @@ class Matern32(CorrelatedInTime):
 class DampedCosine(Correlated):
     """Kernel of a stochastic harmonic oscillator, σ² e^{−ητ} (cos ωτ + η/ω sin ωτ), plus white noise.
 
-    η = ζω₀ and ω = ω₀√(1 − ζ²): the residual of a wrong structural model is narrow-band, around the frequency of the structure.
+    η = ζω₀ and ω = ω₀√(1 − ζ²). The residual of a wrong structural model is narrow-band, around the structure's frequency.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ class DampedCosine(Correlated):
         σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
         prior is U(0, max|y|²).
     white : float, Marginal or None
-        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
+        Variance of added white noise: a number or a prior. ``white=0.0`` omits it, which may change the evidence by some nats.
     frequency : float, Marginal or None
-        ω₀/2π [Hz], likewise. If left out, its prior is lognormal, with 95 % between two cycles in the whole duration and 1/(2 dt).
+        ω₀/2π [Hz]: a number or a prior. If left out, its prior is lognormal: 95 % between 2 cycles in the duration and 1/(2 dt).
     damping : float, Marginal or None
-        ζ, between 0 and 1. If left out, its prior is uniform there.
+        ζ, between 0 and 1. If left out, its prior is uniform on this interval.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A posterior whose model runs are given, such as those of a campaign."""
+"""A posterior whose model runs are given, such as the runs of a campaign."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class GivenResponses:
     ) -> None:
         self._likelihood = likelihood
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
-        # Thousands of drawn responses are finite as a rule, and are not copied then.
+        # Most arrays of thousands of responses are finite and need no copy.
         runs = responses if self._finite.all() else [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
         self._squares = [
             _sum_of_squares(bound, histories) for bound, histories in zip(likelihood.of, runs, strict=True)
@@ -44,7 +44,7 @@ class GivenResponses:
 
 
 def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarray | None:
-    """Σ (y − M)² (channel, run) of responses (run, time, channel), where the likelihood needs no more."""
+    """Σ (y − M)² (channel, run) of responses (run, time, channel), if the likelihood needs only this."""
     if not bound.needs_only_squares:
         return None
     observation, squares = bound.observation, []

@@ -27,9 +27,9 @@ from structid.probability.space import ParameterSpace
 class JointLikelihood:
     """log L(y | θ) = Σ log L(y_i | θ) over observations that share a model's parameters.
 
-    θ holds the model's parameters, then nuisances and error-model parameters of each observation, numbered ``_1``, ``_2``, … if
-    there are several. Errors inside the model belong to a test: observations of other channels on the same record share them,
-    with the number of the first.
+    θ holds the model's parameters, then nuisance and error-model parameters of each observation, numbered ``_1``, ``_2``, … if
+    there are several. Errors inside the model belong to a test: observations of different channels on the same record share
+    them, with the number of the first observation.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class JointLikelihood:
 
     @property
     def loops_over_time(self) -> bool:
-        """Whether it is a loop over time inside JAX, which XLA runs on one core."""
+        """Whether the likelihood is a loop over time inside JAX, which XLA runs on one core."""
         return as_traceable(self.model, "likelihood inside JAX").loops or not self.error_model.added.independent
 
     def on_host(
@@ -185,7 +185,7 @@ class JointLikelihood:
     def predict(
         self, theta: Float[np.ndarray, "run parameter"], index: int, progress: Progress | None = None
     ) -> Float[np.ndarray, "run time channel"]:
-        """Prediction of one observation, including the instrument, without discrepancy."""
+        """Prediction of one observation, including the instrument, without errors."""
         theta, bound = self.points(theta), self.of[index]
         run = bound.model.simulate(
             np.asarray(bound.parameters(theta)), bound.observation.record, progress=progress, map=self._map

@@ -26,13 +26,13 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 GRADIENT_BATCH = 64
-"""Runs differentiated at once; every parameter adds a history."""
+"""Number of runs differentiated at once; every parameter adds a history."""
 
 
 class Misfit:
-    """J(θ) = Σ (y − M(θ))² [3.22] over the model's own parameters, nuisances at their prior medians.
+    """J(θ) = Σ (y − M(θ))² [3.22] of the model's parameters θ, with nuisance parameters at their prior medians.
 
-    Channels of different units are each divided by Σ y² so that they may be added; with a single channel nothing is divided.
+    With several channels, every channel's sum is divided by its Σ y², since units differ; a single channel is not scaled.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Misfit:
         return [1.0 / (o.in_sds(o.values) ** 2).sum(axis=0) for o in observations]
 
     def _with_rest(self, theta: Any) -> Any:
-        """All parameters of the posterior, inside JAX: the model's, and the others at their fixed values."""
+        """All parameters of the posterior, inside JAX: the model's, and all further parameters at their fixed values."""
         return jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
 
     def _residuals(self, theta: Any, data: Any) -> Any:
@@ -100,13 +100,13 @@ class Misfit:
         return total
 
     def _linearised(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
-        """J (run,), ∇J (run, parameter) and 2 JᵀJ (run, parameter, parameter) inside JAX, of whole histories."""
+        """J (run,), ∇J (run, parameter) and 2 JᵀJ (run, parameter, parameter) inside JAX, from whole histories."""
         residual, jacobian = with_slopes(lambda t: self._residuals(t, data), theta)
         gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
         return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
 
     def _linearised_on_the_way(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
-        """The same for loops over time with their sensitivities: sums along the record, without histories."""
+        """J, ∇J and 2 JᵀJ inside JAX for loops over time with sensitivities: sums along the record, without histories."""
         sums_of_observations = []
         for numbers in self._likelihood.of_one_run:
             first = numbers[0]
@@ -119,7 +119,7 @@ class Misfit:
         return value, 2.0 * gradient.T, 2.0 * jnp.stack(whole, axis=1)
 
     def _sample(self, numbers: Sequence[int], theta: Any) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """Weighted residuals of some observations at one sample, (channel, run), and their slopes, (parameter, channel, run)."""
+        """Weighted residuals of some observations at one sample (channel, run), with derivatives (parameter, channel, run)."""
         full = self._with_rest(theta)
         residuals = [self._likelihood.of[k].residual(full) for k in numbers]
         roots = [np.sqrt(self._weights[k])[:, None] for k in numbers]
@@ -135,9 +135,9 @@ class Misfit:
         return sample
 
     def _loop(self, bound: ObservationLikelihood, measured: Measured, theta: Any) -> TimeLoop:
-        """The loop over time of parameters (parameter, run)."""
+        """The loop over time for parameters (parameter, run)."""
         loop = bound.loop(bound.parameters(self._with_rest(theta.T)), measured)
-        assert loop is not None  # `_compiled` has looked
+        assert loop is not None  # `_compiled` has checked this
         return loop
 
     @cached_property
@@ -185,10 +185,10 @@ class Misfit:
         Raises
         ------
         InputError
-            If the model is not one of structid's own and has no derivatives.
+            If the model is not built in and therefore has no derivatives.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-        as_traceable(self._likelihood.model, "misfit gradient", cure="Use pattern search, which needs none.")
+        as_traceable(self._likelihood.model, "misfit gradient", cure="Use pattern search, which needs no derivatives.")
         compiled = self._compiled["linearised"]
         value, gradient, hessian = in_batches(compiled, theta, self._likelihood.measured, GRADIENT_BATCH)
         return value, gradient, hessian
@@ -197,7 +197,7 @@ class Misfit:
 def _normal_equations(theta: Any) -> Fold:
     """Sums of r² (run,), of r ∂r (parameter, run), and of each row of ∂r ∂rᵀ up to its diagonal, over samples.
 
-    A sample consists of residuals r (channel, run) and their slopes (parameter, channel, run).
+    A sample consists of residuals r (channel, run) and their derivatives (parameter, channel, run).
     """
     runs, parameters = theta.shape
 

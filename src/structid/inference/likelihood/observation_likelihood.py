@@ -1,4 +1,4 @@
-"""The likelihood of one observation: record, values, nuisances, error model and shortcut.
+"""The likelihood of one observation: record, values, nuisance parameters, error model and shortcut.
 
 Every likelihood is computed here: for the posterior, the misfit, given responses, and the simulated measurements of a simulation-
 based calibration. It is traced inside JAX, or computed on the host for a model outside JAX.
@@ -34,13 +34,13 @@ class Measured:
     """Data of an observation for a traced likelihood: arguments of the compiled density, not constants in it."""
 
     excitation: TracedExcitation  # the excitation
-    # What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the
-    # measurement and 1 in units of them
+    # Measured values, one set for all runs or one for each run. With known standard deviations: the values and 1, both
+    # divided by them
     values: Any
-    shortcut: Shortcut | None  # direct way to the likelihood without the response
+    shortcut: Shortcut | None  # direct computation of the likelihood, without the response
 
     def for_runs(self, measurement: Int[Array, " run"]) -> Measured:
-        """Assign each run a measurement of its own."""
+        """Assign a measurement to each run."""
         shortcut = None if self.shortcut is None else self.shortcut.for_runs(measurement)
         return Measured(self.excitation, self.values[:, :, measurement], shortcut)
 
@@ -49,7 +49,7 @@ jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", 
 
 
 def own_priors(observation: Observation, error_model: ErrorModel) -> dict[str, Marginal]:
-    """Priors of the parameters of an observation besides the model's."""
+    """Priors of an observation's own parameters, without the model's parameters."""
     record = observation.record
     values = observation.in_sds(observation.values)
     added = error_model.added.parameters(values, observation.channels, record.dt, observation.error_units)
@@ -71,7 +71,7 @@ class ObservationLikelihood:
         self.model, self.observation, self.discrepancy = model, observation, discrepancy
         self._space, self._model_error = space, model_error
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
-        # The model's own parameters have their names; what is inside it for this test alone has one of its own in θ.
+        # The model's parameters keep their names; latent values of this test alone have their own names in θ.
         self.free = tuple(name if name in space.all_names else own[name] for name in model.free)
         self.channels, self.dt = observation.channels, observation.record.dt
         self._places = np.array([model.channels.index(c) for c in observation.channels])
@@ -79,7 +79,7 @@ class ObservationLikelihood:
     # --- pieces -------------------------------------------------------------------------------------------------
 
     def unknowns(self, theta: Float[Array, "run parameter"]) -> dict[str, Any]:
-        """Nuisances and error-model parameters."""
+        """Nuisance and error-model parameters."""
         return {name: theta[:, column] for name, column in self._columns.items()}
 
     def parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
@@ -93,7 +93,7 @@ class ObservationLikelihood:
     def shown(
         self, response: Float[Array, "*time channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, "*time shown_channel run"]:
-        """Convert a model's response to what the instruments would show, inside JAX."""
+        """Convert a model's response to instrument readings, inside JAX."""
         if self.model.channels != self.channels:
             response = jnp.stack([response[..., index, :] for index in self._places], axis=-2)
         return self.observation.transmit(response, self.unknowns(theta))
@@ -107,26 +107,26 @@ class ObservationLikelihood:
         return self._in_si(result)
 
     def compared(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
-        """Data with which a response is compared: measurements, or where standard deviations are known, these in units of them."""
+        """Data with which a response is compared: the measurements, divided by the standard deviations if these are known."""
         if self.observation.sd is None:
             return values
         return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
 
     def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
-        """Return the function from response and measurement to their difference, in known standard deviations."""
+        """Return the function that computes the difference of response and measurement, in known standard deviations."""
         if self.observation.sd is None:
             return lambda response, values: values - self.shown(response, theta)
         count = len(self.channels)
         return lambda response, values: values[..., :count, :] - values[..., count:, :] * self.shown(response, theta)
 
     def _in_si(self, log_density: Any) -> Any:
-        """Log density of ε from that of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
+        """Log density of ε from the log density of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
         return log_density if self.observation.sd is None else log_density - self.observation.log_sds.sum()
 
     def of_squares(
         self, squares: Float[Array, "channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, " run"]:
-        """Log-likelihood from sums of squared residuals, inside JAX, where these suffice."""
+        """Log-likelihood from sums of squared residuals, inside JAX, if these suffice."""
         samples = len(self.observation.values)
         result = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
         return self._in_si(result)
@@ -144,13 +144,13 @@ class ObservationLikelihood:
         return self.measured_as(self.observation.values[:, :, None])
 
     def measured_as(self, values: Float[np.ndarray, "time channel measurement"]) -> Measured:
-        """Replace the observation's measurements by others."""
+        """Replace the observation's measurements by other values."""
         model, record = self._traceable, self.observation.record
         shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
         return Measured(model.traced(record), self.compared(values), shortcut)
 
     def traced(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Log-likelihood and success of every run, inside JAX, by the cheapest way."""
+        """Log-likelihood and success of every run, inside JAX, computed in the cheapest way."""
         if self._model_error:
             return self._with_model_error(theta, measured)
         if self.discrepancy.independent:
@@ -178,13 +178,13 @@ class ObservationLikelihood:
         return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
 
     def squares(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Sum of squared residuals over time, inside JAX, by the cheapest way."""
+        """Sum of squared residuals over time, inside JAX, computed in the cheapest way."""
         parameters = self.parameters(theta)
         if measured.shortcut is not None and not self.observation.nuisances():
             return measured.shortcut.squares(parameters)
         if self.observation.nuisances():
             return self._squares(parameters, measured, self.residual(theta))
-        held = self.residual(lax.stop_gradient(theta))  # of which it needs nothing
+        held = self.residual(lax.stop_gradient(theta))  # independent of θ here
         result: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
         return result
 
@@ -197,7 +197,7 @@ class ObservationLikelihood:
 
     @property
     def takes_samples(self) -> bool:
-        """Whether it can process the response sample by sample: no time shift, no model error of its own."""
+        """Whether the response can be processed sample by sample: there is no time shift and no separate model error."""
         return not self._model_error and self.observation.time_shift is None
 
     def loop(self, parameters: Float[Array, "run free_parameter"], measured: Measured) -> TimeLoop | None:
@@ -207,7 +207,7 @@ class ObservationLikelihood:
         return self._traceable.time_loop(parameters, measured.excitation)
 
     def _with_model_error(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
-        """Log-likelihood with the model's own variance added to that of the error model."""
+        """Log-likelihood with the model's own variance added to the error model's."""
         unknown, parameters = self.unknowns(theta), self.parameters(theta)
         if self.needs_only_squares and measured.shortcut is not None:
             variance = self.discrepancy.variances(unknown, self.channels, theta.shape[0], jnp)
@@ -219,7 +219,7 @@ class ObservationLikelihood:
         if stand_in is not None:
             white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
         if self.observation.sd is not None:
-            # A surrogate's variance is constant in time; in known standard deviations its mean is taken.
+            # A surrogate's variance is constant in time. Divided by known variances it is not, and its mean is used.
             white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
         residual = self.residual(theta)(response, measured.values)
         result = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)

@@ -46,7 +46,7 @@ class Posterior(Target):
     model : Model
         Any model: built in, external, or a surrogate.
     observations : Observation or sequence of Observation
-        The measurements; each has its own discrepancy and nuisances, numbered ``_1``, ``_2``, … when there are several.
+        The measurements; each has its own error and nuisance parameters, numbered ``_1``, ``_2``, … when there are several.
     discrepancy : ErrorModel
         The error model: errors that are added to the response, or inside the model.
     map : callable, optional
@@ -54,17 +54,17 @@ class Posterior(Target):
     refuse_unfit : bool
         Refuse a surrogate whose error exceeds its limit.
     model_error : bool
-        Add a surrogate's own variance to that of the discrepancy. Where the surrogate is unsure, the data then count for less. For
+        Add a surrogate's own variance to the error variance. Where the surrogate is uncertain, the data then have less weight. For
         a `PODKriging` or `PODPCE` of one channel and independent errors, the surrogate's error is integrated out exactly. Otherwise
-        its variance, averaged over time, counts as white noise. Do not use this with a surrogate that is unsure over large parts
-        of the prior: where its variance is as large as the response, any measurement is explained, and the posterior moves there.
+        its variance, averaged over time, is treated as white noise. Do not use this with a surrogate that is uncertain over large
+        parts of the prior. A variance as large as the response explains any measurement, and the posterior moves there.
 
     Attributes
     ----------
     names : tuple of str
-        The model's parameters, then the nuisances, then the discrepancy's parameters.
+        The model's parameters, then the nuisance parameters, then the error model's parameters.
     error_model, discrepancy : ErrorModel, Discrepancy
-        All that may be wrong between model and measurement, and of it what is added to the response.
+        All errors between model and measurement, and the part of them that is added to the response.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Posterior(Target):
     def _check(self, refuse_unfit: bool) -> None:
         """Refuse arguments that do not fit together."""
         if not self.observations:
-            raise InputError("Posterior.observations", "none", "one Observation or more")
+            raise InputError("Posterior.observations", "no observation", "one Observation or more")
         self.model.check_names(self.model_space.names, self.model_space.all_names)
         self.model.check_priors(self.model_space)
         if refuse_unfit and self.model.stand_in is not None:
@@ -115,7 +115,7 @@ class Posterior(Target):
             self.model.check_excitation(observation.record)
 
     def _like(self, **changes: Any) -> Posterior:
-        """The same posterior with some settings changed; the surrogate's fitness is not checked again."""
+        """Copy of this posterior with some settings changed; the surrogate is not checked again."""
         settings: dict[str, Any] = {
             "space": self.model_space,
             "model": self.model,
@@ -129,7 +129,7 @@ class Posterior(Target):
 
     @property
     def knows_prior(self) -> bool:
-        """Always: prior and likelihood can be evaluated separately."""
+        """True: prior and likelihood can be evaluated separately."""
         return True
 
     @property
@@ -139,12 +139,12 @@ class Posterior(Target):
 
     @property
     def variances(self) -> frozenset[str]:
-        """Variances of the error model, which all error models name alike."""
+        """Variances of the error model; all error models use the same names."""
         return frozenset(n for n in self.names[self.model_space.dimension :] if n.startswith("sigma2"))
 
     @property
     def sd_units(self) -> dict[str, str]:
-        """Display unit of the standard deviation of each variance: that of the measured channel."""
+        """Display unit of the square root of each variance, which is the measured channel's unit."""
         displays = {
             si: observation.channel_unit(channel).display if si else ""
             for observation in self.observations
@@ -164,14 +164,14 @@ class Posterior(Target):
         return not self.model.batched
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
-        """Give the density as a JAX function; see `Target.traceable`."""
+        """Return the density as a JAX function; see `Target.traceable`."""
         if not self.model.traceable:
             return super().traceable()
         in_lanes = self._differentiable_in_lanes
         return (self._in_coordinates, self.data) if in_lanes is None else (lambda phi, _: in_lanes(phi), ())
 
     def mapped_by(self, map: Map | None) -> Posterior:
-        """Return the same posterior, with a map that does the runs of an external solver.
+        """Return the same posterior, with a map that makes the runs of an external solver.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Posterior(Target):
         Returns
         -------
         Posterior
-            The same densities.
+            Posterior with the same density.
         """
         return self._like(map=map)
 
@@ -191,26 +191,26 @@ class Posterior(Target):
     def on(
         self, model: Model | None = None, refuse_unfit: bool = True, error_model: ErrorModel | None = None
     ) -> Posterior:
-        """Return the posterior of the same parameters and data under another model, such as a surrogate, or error model.
+        """Return the posterior of the same parameters and data with another model, such as a surrogate, or error model.
 
         Parameters
         ----------
         model : Model, optional
-            The model; this one's when left out.
+            The model; by default this posterior's model.
         refuse_unfit : bool
             Refuse a surrogate whose error exceeds its limit.
         error_model : ErrorModel, optional
-            The error model; this one's when left out.
+            The error model; by default this posterior's error model.
 
         Returns
         -------
         Posterior
-            With these instead of this one's.
+            Posterior with the new model and error model.
         """
         changed = {} if error_model is None else {"discrepancy": error_model}
         other = self._like(**changed, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
         if error_model is None and other.model.channels == self.model.channels:
-            # Compiled once for all the surrogates of a calibration: a response does not tell which model it is of.
+            # Compiled once for all surrogates of a calibration, since the function depends only on responses.
             other._compiled_given = self._compiled_given
         return other
 
@@ -238,14 +238,14 @@ class Posterior(Target):
     # --- pieces of the density ----------------------------------------------------------------------------------
 
     def unknowns(self, theta: Any, index: int) -> dict[str, Any]:
-        """Nuisances and discrepancy parameters of one observation, by their plain names.
+        """Nuisance and error-model parameters of one observation, by their plain names.
 
         Parameters
         ----------
         theta : array, shape (run, parameter)
             All parameters.
         index : int
-            Which observation.
+            Index of the observation.
 
         Returns
         -------
@@ -265,7 +265,7 @@ class Posterior(Target):
         Returns
         -------
         array, shape (run, free parameter)
-            In the model's order.
+            Columns in the model's order.
         """
         return self.likelihood.model_parameters(theta)
 
@@ -289,12 +289,12 @@ class Posterior(Target):
         phi : jax.Array, shape (run, parameter)
             Unconstrained coordinates.
         data : sequence of Measured
-            Of each observation: `data`, or other measurements.
+            Data of each observation: `data`, or other measurements.
 
         Returns
         -------
         tuple of jax.Array, shape (run,)
-            Log prior with respect to φ, log-likelihood, and where a simulation failed.
+            Log prior with respect to φ, log-likelihood, and a mask of the failed simulations.
         """
         theta, jacobian = self.bijection.forward(phi)
         prior, likelihood, failed = self._parts(theta, data)
@@ -307,7 +307,7 @@ class Posterior(Target):
 
     @cached_property
     def _compiled(self) -> Callable[..., Any]:
-        # On JAX's path, the one program with the model in it: φ is mapped on the host, so that no model is compiled twice.
+        # The only JAX program that contains the model: φ is mapped on the host, so that no model is compiled twice.
         return InLanes(self._parts, shard=self.likelihood.loops_over_time)
 
     def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -357,23 +357,23 @@ class Posterior(Target):
 
     @property
     def in_lanes(self) -> bool:
-        """Whether its density is compiled to lanes, which takes a small fraction of JAX's time for many runs."""
+        """Whether the density is compiled to vector code, which takes a small fraction of JAX's time for many runs."""
         return self._compiled_in_lanes is not None
 
     @cached_property
     def _compiled_in_lanes(self) -> Callable[[np.ndarray], Any] | None:
-        """The density in unconstrained coordinates, bijection included, where it can be compiled to lanes."""
+        """Vector code of the density in unconstrained coordinates, bijection included; None if it cannot be compiled."""
         if not self.model.traceable:
             return None
         return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
 
     @cached_property
     def _differentiable_in_lanes(self) -> Callable[[Any], Any] | None:
-        """The same with its gradient, inside JAX."""
+        """Vector code of the density and its gradient, inside JAX; None if it cannot be compiled."""
         return differentiable_in_lanes(self._in_coordinates, self.dimension, (self.data,))
 
     def __getstate__(self) -> dict[str, Any]:
-        # Code for this process's memory stays here.
+        # Compiled code is valid in this process only.
         return {k: v for k, v in self.__dict__.items() if not k.endswith("_in_lanes") and k != "_compiled_given"}
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
@@ -387,7 +387,7 @@ class Posterior(Target):
         Returns
         -------
         GivenResponses
-            Log densities of parameters, a row for each run.
+            Posterior that computes log densities of parameters, with one row for each run.
         """
         return GivenResponses(self.likelihood, responses, self._compiled_given)
 
@@ -397,37 +397,37 @@ class Posterior(Target):
         return tuple(jax.jit(bound.given) for bound in self.likelihood.of)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
-        """Prediction of one observation, including the instrument, without discrepancy.
+        """Prediction of one observation, including the instrument, without errors.
 
         Parameters
         ----------
         theta : ndarray, shape (run, parameter)
             Parameters in SI.
         index : int
-            Which observation.
+            Index of the observation.
         progress : callable, optional
             Called with the number of finished runs and the total.
 
         Returns
         -------
         ndarray, shape (run, time, channel)
-            In SI; NaN where a run failed.
+            Predictions in SI; NaN where a run failed.
         """
         return self.likelihood.predict(theta, index, progress)
 
     def pointwise_log_likelihood(
         self, theta: np.ndarray, index: int = 0, prediction: np.ndarray | None = None
     ) -> np.ndarray:
-        """Log-likelihood of every observation.
+        """Log-likelihood of every observed value.
 
         Parameters
         ----------
         theta : ndarray, shape (run, parameter)
             Parameters in SI.
         index : int
-            Which observation.
+            Index of the observation.
         prediction : ndarray, shape (run, time, channel), optional
-            From `predict`, where it is there already.
+            Result of `predict`, if available.
 
         Returns
         -------

@@ -17,7 +17,7 @@ from structid.observation import Observation
 
 
 def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], ...]:
-    """Group observations by test: other channels on the same record. A repeated channel is another test."""
+    """Group the observations of one test, that is, of different channels on one record. A repeated channel is another test."""
     tests: list[tuple[str, set[str], list[int]]] = []
     for number, observation in enumerate(observations):
         record, channels = observation.record.content_hash, set(observation.channels)
@@ -83,7 +83,7 @@ def _folded(
 ) -> tuple[Any, Any]:
     """Values of all folds, and whether the response is finite, from one loop over time.
 
-    `plain` are residuals and folds that depend on the model's parameters through the response alone.
+    `plain` contains residuals and folds that depend on the model's parameters only through the response.
     """
     first, values = bounds[0], tuple(data_of_one.values for data_of_one in data)
     at = lax.stop_gradient(theta) if plain else theta
@@ -94,7 +94,7 @@ def _folded(
 
     def folded(parameters: Any) -> Any:
         loop = first.loop(parameters, data[0])
-        assert loop is not None  # `_in_one_loop` has looked
+        assert loop is not None  # `_in_one_loop` has checked this
         return loop.folded(side_by_side(folds), values, make)
 
     result: tuple[Any, Any] = (

@@ -1,7 +1,7 @@
 """Comparison of model classes by evidence, and by the predictive density of stretches of the measurement left out in turn.
 
 A. Vehtari, A. Gelman & J. Gabry (2017), doi 10.1007/s11222-016-9696-4. The values of one history depend on each other, so whole
-stretches are left out, not single values; the density of a stretch is conditional on what was measured before it.
+stretches are left out, not single values. The density of a stretch is conditional on the values measured before it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ GOOD_K_HAT = 0.7
 class LeaveOut:
     """Expected log predictive density, stretch by stretch."""
 
-    each: Float[np.ndarray, " block"] = field(repr=False)  # log density of each stretch given the others [nat]
+    each: Float[np.ndarray, " block"] = field(repr=False)  # log density of each stretch given the other stretches [nat]
     k_hat: Float[np.ndarray, " block"] = field(repr=False)  # tail index of the weights that leave it out
 
     @property
@@ -38,16 +38,16 @@ class LeaveOut:
 
     @property
     def error(self) -> float:
-        """Its standard error, from the scatter of the stretches [nat]."""
+        """Standard error of this sum, from the scatter of the stretches [nat]."""
         return float(np.sqrt(len(self.each) * self.each.var(ddof=1)))
 
     @property
     def unreliable(self) -> int:
-        """Stretches whose weights have too heavy a tail."""
+        """Number of stretches with too heavy-tailed weights."""
         return int(np.count_nonzero(self.k_hat > GOOD_K_HAT))
 
     def less(self, other: LeaveOut) -> tuple[float, float]:
-        """Difference of predictive density to another class on the same stretches."""
+        """Difference in log predictive density from another class on the same stretches, with its error."""
         gap = self.each - other.each
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
 
@@ -70,15 +70,15 @@ def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], 
 
 @dataclass(frozen=True, eq=False)
 class ModelClass:
-    """Figures of one model class."""
+    """Results of one model class."""
 
     name: str  # name of the class
     evidence: Evidence | None  # log Z; None where it is unknown
     left_out: LeaveOut  # predictive density by stretches
     parameters: int  # number of parameters
-    unexplained: float  # fraction of the measurement's variance that its best prediction leaves unexplained
+    unexplained: float  # residual variance of its best prediction over the measurement's variance
     inside: float  # fraction of the measurement inside its 90 % predictive band
-    trusted: bool  # whether its draws have converged, and are certified where they rest on a surrogate
+    trusted: bool  # whether its draws have converged, and are certified if they use a surrogate
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Comparison(ShownAsText):
 
     def __post_init__(self) -> None:
         if len(self.classes) < 2:
-            raise InputError("compare", f"{len(self.classes)} model class", "two or more")
+            raise InputError("compare", f"{len(self.classes)} model class", "two or more model classes")
 
     @property
     def by_evidence(self) -> bool:
@@ -98,7 +98,7 @@ class Comparison(ShownAsText):
 
     @property
     def best(self) -> ModelClass:
-        """The class with the largest evidence, or predictive density where some evidence is unknown."""
+        """The class with the largest evidence, or with the largest predictive density if an evidence is unknown."""
         return max(self.classes, key=self._score)
 
     def _score(self, one: ModelClass) -> float:
@@ -114,7 +114,7 @@ class Comparison(ShownAsText):
 
     @property
     def probabilities(self) -> np.ndarray:
-        """Posterior probabilities of the classes from equal prior ones, shape (class,); NaN where an evidence is unknown."""
+        """Posterior probabilities of the classes from equal prior probabilities, shape (class,); NaN if an evidence is unknown."""
         if not self.by_evidence:
             return np.full(len(self.classes), np.nan)
         values = np.array([c.evidence.value for c in self.classes if c.evidence is not None])
@@ -128,35 +128,33 @@ class Comparison(ShownAsText):
         if self.by_evidence:
             gap, error = self.bayes_factor(second)
             strength = (
-                "decides for"
+                "clearly favours"
                 if -gap > 5 + 2 * error
-                else "leans to"
+                else "slightly favours"
                 if -gap > 1 + 2 * error
-                else "cannot choose: first is"
+                else "is inconclusive and largest for"
             )
             sentence = (
                 f"The evidence {strength} {best.name}: log Bayes factor {-gap:.1f} ± {error:.1f} against {second.name}."
             )
         else:
             gap, error = second.left_out.less(best.left_out)
-            sentence = (
-                f"{best.name} predicts best what is left out: by {-gap:.1f} ± {error:.1f} nats against {second.name}."
-            )
+            sentence = f"{best.name} best predicts the stretches left out, by {-gap:.1f} ± {error:.1f} nats over {second.name}."
         doubtful = [c.name for c in self.classes if not c.trusted]
         if doubtful:
-            sentence += f" Not to be relied on: {', '.join(doubtful)} not converged, or not certified."
+            sentence += f" Unreliable, because not converged or not certified: {', '.join(doubtful)}."
         return sentence
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
-        """The figures as text."""
+        """The results as text."""
         heads = [
             "model class",
             "parameters",
             "log evidence",
             "log Bayes factor",
             "probability",
-            "log density left out",
-            "to the best",
+            "log predictive density",
+            "from the best",
             "unexplained",
             "inside 90 %",
         ]
@@ -184,16 +182,16 @@ class Comparison(ShownAsText):
         return heads, rows
 
     def side_by_side(self) -> tuple[list[str], list[list[str]]]:
-        """The same with a column for each class, and the full meaning of each row."""
+        """The results with a column for each class, and a full description of each row."""
         _, rows = self.rows()
         meanings = [
-            "parameters, those of the discrepancy included",
+            "parameters, including the error model's",
             "log evidence [nat]",
             "log Bayes factor against the best [nat]",
             "probability among these classes",
-            "log density of the stretches left out, all together [nat]",
-            "the same, less that of the best class [nat]",
-            "variance that the best prediction leaves unexplained",
+            "log predictive density of all stretches left out [nat]",
+            "its difference from the best class [nat]",
+            "residual variance of the best prediction",
             "measured values inside the 90 % band",
         ]
         return ["", *(row[0] for row in rows)], [

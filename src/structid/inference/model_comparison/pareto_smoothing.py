@@ -1,6 +1,6 @@
 """Pareto-smoothed importance sampling: the largest weights are replaced by quantiles of a fitted tail.
 
-Sources: Vehtari, Simpson, Gelman, Yao & Gabry (2024, JMLR 25(72)); the fit of the tail is that of Zhang & Stephens (2009,
+Sources: Vehtari, Simpson, Gelman, Yao & Gabry (2024, JMLR 25(72)); the tail is fitted as in Zhang & Stephens (2009,
 Technometrics 51, 316).
 """
 
@@ -13,7 +13,7 @@ SMALLEST_TAIL = 5
 """Minimum number of draws in the tail; with fewer, k̂ is infinite."""
 
 PRIOR_DRAWS, PRIOR_K = 10.0, 0.5
-"""The fitted shape is shrunk towards ½ as by ten draws (Vehtari et al., appendix C)."""
+"""Number of prior draws that shrink the fitted shape towards ½ (Vehtari et al., appendix C)."""
 
 
 def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray, float]:
@@ -43,7 +43,7 @@ def _smooth_tail(weights: np.ndarray) -> float:
     if not np.isfinite(k):
         return float("inf")
     probability = (np.arange(len(tail)) + 0.5) / len(tail)
-    # No weight becomes larger than the largest.
+    # No smoothed weight exceeds the largest original weight.
     weights[tail] = np.minimum(cutoff + _pareto_quantile(probability, k, scale), 1.0)
     return k
 
@@ -51,13 +51,13 @@ def _smooth_tail(weights: np.ndarray) -> float:
 def pareto_fit(excess: Float[np.ndarray, " draw"]) -> tuple[float, float]:
     """Fit a generalised Pareto distribution, 1 − F(x) = (1 + k x/σ)^(−1/k), by Zhang & Stephens' empirical-Bayes estimate.
 
-    With θ = −k/σ the profile likelihood of n draws is L(θ) = exp{n (log(−θ/k(θ)) − k(θ) − 1)}, k(θ) = mean log(1 − θ x). θ is its
-    mean over a grid that their prior suggests.
+    With θ = −k/σ the profile likelihood of n draws is L(θ) = exp{n (log(−θ/k(θ)) − k(θ) − 1)}, k(θ) = mean log(1 − θ x). θ is the
+    likelihood-weighted mean over a grid that their prior suggests.
     """
     count = len(excess)
     points = 30 + int(np.sqrt(count))
     quartile = excess[int(count / 4.0 + 0.5) - 1]
-    if quartile <= excess[0]:  # a quarter of them equal: no such law
+    if quartile <= excess[0]:  # a quarter of the values are equal: no Pareto distribution
         return float("nan"), float("nan")
     with np.errstate(all="ignore"):
         grid = 1.0 / excess[-1] + (1.0 - np.sqrt(points / (np.arange(1, points + 1) - 0.5))) / (3.0 * quartile)

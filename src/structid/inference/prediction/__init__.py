@@ -1,1 +1,1 @@
-"""Predictions from a posterior, on the measured record or another one."""
+"""Predictions from a posterior, for the measured record or another record."""

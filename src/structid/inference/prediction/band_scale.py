@@ -1,7 +1,7 @@
 """Scale factors of prediction bands on another record, from their coverage on the measured record.
 
-A wrong model's error enters its predictions twice: as added errors, and as parameters that drift differently. The measured
-record, predicted as if it were another one, shows how wide the two are together (conformal prediction: J. Lei et al. 2018, doi
+A wrong model's error enters its predictions twice: as added errors, and as parameters that drift differently. A prediction
+of the measured record as if it were another record shows their combined width (conformal prediction: J. Lei et al. 2018, doi
 10.1080/01621459.2017.1307116).
 """
 
@@ -18,26 +18,26 @@ from structid.inference.prediction.error_growth import running_power
 PROBABILITY = 0.9
 """Probability of the compared bands."""
 LEVELS = np.array([-5.5, -4.5, -3.5, -2.5, -1.5, -0.5])
-"""Decades of the motion's running power relative to its largest; each has its own factor."""
+"""Decades of the response's running power relative to its maximum; each has its own factor."""
 LIMITS = (0.02, 4.0)
-"""Limits of the factors, since one record proves no more."""
+"""Limits of the factors, since one record supports no larger correction."""
 FEWEST = 50
 """Minimum number of samples for a decade with its own factor."""
 ROUNDS = 6
-"""Iterations for the factors, between which the scale changes gradually."""
+"""Number of iterations for the factors; the scale is interpolated between the decades."""
 
 
 @dataclass(frozen=True, eq=False)
 class BandScale:
-    """λ(t), the factor on the deviation of draws from their median, as a function of the motion's running power."""
+    """λ(t), the factor on the deviation of draws from their median, as a function of the response's running power."""
 
-    factors: Float[np.ndarray, "level channel"]  # λ at `LEVELS`; log λ is linear between them, and constant beyond
+    factors: Float[np.ndarray, "level channel"]  # λ at `LEVELS`; log λ is linear between levels, constant beyond them
 
     @classmethod
     def of(
         cls, measured: Float[np.ndarray, "time channel"], draws: Float[np.ndarray, "draw time channel"], dt: float
     ) -> BandScale:
-        """Find the factors with which a band of draws would have had its nominal coverage of the measured values."""
+        """Find the factors that give a band of draws its nominal coverage of the measured values."""
         tail = 0.5 * (1.0 - PROBABILITY)
         low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
         half_width = np.where(measured > median, high - median, median - low)
@@ -61,7 +61,7 @@ class BandScale:
 
 
 def _relative_power(median: np.ndarray, dt: float) -> np.ndarray:
-    """Log₁₀ of the running power relative to its largest, shape (time, channel)."""
+    """Log₁₀ of the running power relative to its maximum, shape (time, channel)."""
     power = running_power(median, dt)
     largest = np.maximum(power.max(axis=0), np.finfo(np.float64).tiny)
     return np.asarray(np.log10(np.maximum(power / largest, 1e-12)))
@@ -77,7 +77,7 @@ def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
     populated = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
     if not populated:
         return np.ones(len(LEVELS))
-    # A decade of few samples goes with the nearest that has many.
+    # A decade with few samples uses the factor of the nearest decade with many.
     nearest = np.array([min(populated, key=lambda other: abs(other - level)) for level in range(len(LEVELS))])
     factors = np.ones(len(LEVELS))
     for _ in range(ROUNDS):
@@ -90,7 +90,7 @@ def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 def _enough(away: np.ndarray) -> float:
-    """Half-widths that cover 90 % of a next value: the ⌈(n + 1) p⌉-th of n independent ones, here n correlated ones."""
+    """Half-widths that cover a next value with 90 %: the ⌈(n + 1) p⌉-th smallest of n values, here of n correlated values."""
     outside = (away > np.quantile(away, PROBABILITY)).astype(np.float64)
     count = len(away) / autocorrelation_time(outside[None]) if outside.any() else 1.0
     return float(np.quantile(away, min(PROBABILITY * (count + 1.0) / count, 1.0)))

@@ -20,14 +20,14 @@ WRONG_BY = 8.0
 class BestPrediction(NamedTuple):
     """Fit of a prediction to the measurement."""
 
-    # Fraction of the measurement's variance that it leaves unexplained; the largest over measurements and channels
+    # Unexplained fraction of the measurement's variance; the largest over measurements and channels
     unexplained: float
-    peak: float  # its peak over the measured one, for the channel where they differ most
+    peak: float  # predicted peak over measured peak, for the channel where they differ most
 
     @property
     def of_another_size(self) -> bool:
-        """Whether it differs from the measurement so much in size that a unit is probably wrong; never where it fits."""
-        has_peak = bool(np.isfinite(self.peak))  # there is none where the run failed
+        """Whether it differs from the measurement so much in size that a unit is probably wrong; False for a good fit."""
+        has_peak = bool(np.isfinite(self.peak))  # a failed run has no peak
         return has_peak and self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
 
 

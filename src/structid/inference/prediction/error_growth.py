@@ -1,4 +1,4 @@
-"""Growth of the errors of a fit with the motion, for transfer to another record."""
+"""Growth of a fit's errors with the response, for transfer to another record."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from jaxtyping import Float
 from structid.inference.likelihood.posterior import Posterior
 
 PERIODS = 2.0
-"""Periods of the motion over which its power is averaged."""
+"""Periods of the response over which its power is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorGrowth:
-    """σ²(t) = σ² (1 − s + s p(t)/p̄): the fraction s of the error variance is proportional to the power p(t) of the motion."""
+    """σ²(t) = σ² (1 − s + s p(t)/p̄): the fraction s of the error variance is proportional to the power p(t) of the response."""
 
     share: Float[np.ndarray, " channel"]  # s, from 0 (an instrument's noise) to 1 (a wrong model's error)
     # p̄, the mean power of the response to the measured record, in the square of the channel's SI unit
@@ -41,7 +41,7 @@ def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Flo
 
 
 def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
-    """Fraction of the errors proportional to the motion: non-negative least squares of the residual's running power."""
+    """Fraction of the error variance proportional to the response's power, by non-negative least squares of running powers."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
     residual, dt = observation.values - response, observation.record.dt
     channels = len(observation.channels)

@@ -1,4 +1,4 @@
-"""Drift of a wrong model's parameters during the motion, estimated from the residuals of a fit."""
+"""Drift of a wrong model's parameters during the response, estimated from the residuals of a fit."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ NATS = 5.0
 """Increase of the log-likelihood above which parameters are considered to drift."""
 
 TOLD = 1.2
-"""Ratio to its prior expectation above which a drift is reported; a smaller one is not supported by the data."""
+"""Ratio to its prior expectation above which a drift is reported; the data do not support a smaller drift."""
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterDrift:
-    """Drift of parameters in time, where the data show it."""
+    """Drift of parameters in time, if the data show a drift."""
 
     posterior: Posterior = field(repr=False)  # posterior of the parameters
-    # Standard deviations d_j of θ_j(t) about its mean, in SI; zeros where the data do not say that any parameter drifts
+    # Standard deviations d_j of θ_j(t) about its mean, in SI; zeros if the data show no drift
     sd: Float[np.ndarray, " parameter"] = field(repr=False)
     gain: float  # increase of the log density by the best d over no drift [nat]
 
@@ -61,12 +61,12 @@ class ParameterDrift:
             description = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
             if shares[index] > 1.0:
                 description += " (more than the standard deviation of its prior)"
-            elif abs(mean[index]) > size:  # of a mean near zero, a share says nothing
+            elif abs(mean[index]) > size:  # a fraction of a mean near zero is meaningless
                 description += f" ({100.0 * size / abs(mean[index]):.2g} % of its mean)"
             parts.append(description)
         return (
-            f"The parameters drift while the structure moves: {', '.join(parts)}. What is shown are their means over the measured "
-            "record; on another record they may differ by as much."
+            f"The parameters drift during the response: {', '.join(parts)}. The results show their means over the measured "
+            "record; on another record, the means may differ by as much."
         )
 
     def moved(
@@ -96,11 +96,11 @@ def parameter_drift(
 
     so that b can be integrated out: log p(e | d) = ½ zᵀ (I + √D VᵀV √D)⁻¹ z − ½ log |I + √D VᵀV √D| + const, z = √D Vᵀ e. d
     maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with fixed error-model
-    parameters. It needs two model runs per parameter, so that it also works with a surrogate. Where it finds a drift, θ at the
-    fit is a mean over this record only: √(sd² + d²) is the spread of the parameter on another one.
+    parameters. It needs two model runs per parameter, so that it also works with a surrogate. If it finds a drift, θ at the
+    fit is a mean over this record only; √(sd² + d²) is the parameter's spread on another record.
     """
     space = posterior.model_space
-    if space.dimension == 0:  # of the errors alone
+    if space.dimension == 0:  # only error-model parameters are unknown
         return None
     prior_sd = np.array([marginal.moments[1] for marginal in space.marginals.values()])
     parts = [

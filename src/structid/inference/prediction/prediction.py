@@ -1,4 +1,4 @@
-"""Prior and posterior prediction, with and without errors, on the measured record or another one."""
+"""Prior and posterior prediction, with and without errors, for the measured record or another record."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from structid.models.base import Model
 from structid.observation import Observation
 
 PEAK_SHARE = (0.5, 0.5)
-"""Mean and standard deviation of the exponent with which the ratio of measured peaks corrects the peaks on another record."""
+"""Mean and standard deviation of the exponent with which the measured peak ratio corrects the peaks on another record."""
 
 
 @dataclass(frozen=True)
@@ -37,29 +37,29 @@ class Prediction(ShownAsText):
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Time [s].
     channels : tuple of str
-        What is predicted.
+        Predicted channels.
     response : ndarray, shape (draw, time, channel)
-        The model's response in SI, without discrepancy.
+        The model's response in SI, without errors.
     observable : ndarray, shape (draw, time, channel)
-        With discrepancy: what an instrument would record. Equal to `response` for channels that were not measured, whose
-        discrepancy is unknown.
+        The response with errors, as an instrument would record it. Equal to `response` for unmeasured channels, whose errors
+        are unknown.
     failed : int
-        Draws whose simulation failed; they are left out.
+        Number of draws whose simulation failed; they are left out.
     excitation : str
         Name of the record.
     units : mapping of str to ChannelUnit
         Units of the channels.
     structural : ndarray, shape (draw, time, channel), optional
-        With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
+        Response of the structure, with the model's error but without the instrument's. By default equal to `response`.
     peak_ratio : ndarray, shape (channel,), optional
-        For another record, the measured record's peak over the one predicted of it in the same way, with the instrument's noise.
-        Ones where nothing is given.
+        For another record: ratio of measured and predicted peak on the measured record, with the instrument's noise in the
+        prediction. By default 1.
     peak_share : ndarray, shape (draw,), optional
-        The power of `peak_ratio` that corrects the peaks of each draw.
+        Exponent of `peak_ratio` for the correction of each draw's peaks.
     status : ndarray of int, shape (all draws,), optional
-        How the simulation of each draw ended, those included that are left out.
+        Final status of every simulation, including the failed draws.
     """
 
     time: Float[np.ndarray, " time"]
@@ -92,9 +92,9 @@ class Prediction(ShownAsText):
         Parameters
         ----------
         probability : float
-            Its probability.
+            Probability of the interval.
         discrepancy : bool
-            Of the observable instead of the model's response.
+            Use the observable instead of the model's response.
 
         Returns
         -------
@@ -109,9 +109,9 @@ class Prediction(ShownAsText):
     def peaks(self) -> np.ndarray:
         """Largest absolute value of the structure's response in every draw, in SI, shape (draw, channel).
 
-        On another record, each draw u is corrected by r^s_u, where r is `peak_ratio` and s_u the draw's `peak_share`: half of r
-        in the mean, with a standard deviation of a half. A model that errs on one peak often errs on the next in the same
-        direction, and one record does not show how often.
+        On another record, the peaks of draw u are multiplied by r^s_u, with r the `peak_ratio` and s_u the draw's `peak_share`.
+        The exponents s_u have a mean and a standard deviation of ½. A model that errs on one peak often errs on the next in the
+        same direction, and one record does not show how often.
         """
         largest = _largest(self.response if self.structural is None else self.structural)
         if self.peak_ratio is None or self.peak_share is None:
@@ -142,19 +142,19 @@ def predict(
     scaled: bool = True,
     observation: int | None = None,
 ) -> Prediction:
-    """Predict the response of draws of the parameters."""
+    """Predict the response for draws of the parameters."""
     predictor = Predictor(posterior, theta, seed, drift, scaled)
     return predictor.on(record, channels, progress, observation=observation)
 
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """Predicts the response of the same draws to one record after another; see `predict`."""
+    """Predicts the response of the same draws to several records; see `predict`."""
 
     posterior: Posterior  # model, measurements and error model
     theta: Float[np.ndarray, "draw parameter"] = field(repr=False)  # draws in SI
     seed: int = 0  # seed of the errors
-    # How far the parameters of another record may be from those of the measured ones
+    # Drift of the parameters between the measured records and another record
     drift: ParameterDrift | None = None
     scaled: bool = True  # whether errors are scaled by the coverage of their band on the measured record
 
@@ -169,11 +169,11 @@ class Predictor:
         """Predict the response to a record."""
         observations = self.posterior.observations
         if observation is not None and not 0 <= observation < len(observations):
-            raise InputError("observation", f"{observation}", f"0 to {len(observations) - 1}")
+            raise InputError("observation", f"index {observation}", f"an index from 0 to {len(observations) - 1}")
         measured_record = observations[observation or 0].record
         if observation is not None and record is not None and record is not measured_record:
             raise InputError(
-                "observation", f"{observation} and a record that is not its own", "one of the two", "Leave record out."
+                "observation", f"index {observation} and another record", "only one of the two", "Leave record out."
             )
         record = measured_record if record is None else record
         sources = Sources.of_record(observations, record, channels, observation)
@@ -187,8 +187,8 @@ class Predictor:
                 places = sources.places(index)
                 there = [measured.channels.index(sources.channels[position]) for position in places]
                 scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, places], record.dt)
-                whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have not been moved
-        # The measured record once more costs an expensive model as many runs again.
+                whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have no added drift
+        # A further prediction of the measured record would double the runs of an expensive model.
         if sources.here or self.posterior.costs_runs:
             return whole
         ratios = np.ones(len(sources.channels))
@@ -202,10 +202,10 @@ class Predictor:
         return replace(whole, peak_ratio=ratios, peak_share=share)
 
     def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
-        """Coverage of a prediction of an observation made as for another record, and the ratio of peaks."""
+        """Band scale and peak ratio of an observation, predicted as if its record were another record."""
         if index not in self._measured_again:
             observation = self.posterior.observations[index]
-            another = copy.copy(observation.record)  # records are told apart by identity
+            another = copy.copy(observation.record)  # records are distinguished by identity
             sources = Sources(observation.channels, (index,) * len(observation.channels), frozenset())
             prediction = self._responding(another, sources, None, instrument=True)
             scale = BandScale.of(observation.values, prediction.observable, another.dt)
@@ -236,7 +236,7 @@ class Predictor:
         stand_in: Model | None = None,
         instrument: bool = False,
     ) -> Prediction:
-        """Draws of the response; on another record with the instruments' nuisances only on request."""
+        """Draws of the response; on another record, instruments' nuisance parameters are used only on request."""
         posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
         observations = posterior.observations
         if self.drift is not None and not posterior.error_model.inside and not sources.here:
@@ -245,7 +245,7 @@ class Predictor:
         every = tuple(
             dict.fromkeys((*(c for channels_of_one in measured.values() for c in channels_of_one), *sources.channels))
         )
-        # Errors inside the model are an observation's own: then each has a run of its own.
+        # Errors inside the model differ between observations, so each observation needs its own run.
         alone = posterior.error_model.inside and len(sources.here) > 1
         runs = {
             index: self._run(theta, record, every, index, hidden, progress, stand_in)
@@ -325,12 +325,12 @@ class Predictor:
         return model.simulate(parameters, record, progress=progress, map=posterior.map)
 
     def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
-        """Factor on the errors of an observation: their growth with the motion, and known standard deviations."""
+        """Factor on the errors of an observation: their growth with the response, and known standard deviations."""
         observation = self.posterior.observations[index]
         scale = self._growth(index).scale(response, dt)
         if observation.sd is None:
             return scale
-        # Known for the measured record; of another one it is the mean square that carries over.
+        # The standard deviations hold for the measured record; another record takes their mean square.
         sd = np.asarray(observation.sd)
         return np.asarray(sd if here else scale * np.sqrt(np.mean(sd**2, axis=0)))
 
@@ -351,7 +351,7 @@ class Sources:
         channels: tuple[str, ...] | None,
         observation: int | None,
     ) -> Sources:
-        """Choose for every channel an observation on that record, otherwise the first that measured the channel."""
+        """Choose for every channel an observation on that record, otherwise the first observation of the channel."""
         on_record = [i for i, o in enumerate(observations) if o.record is record]
         here = on_record if observation is None else [observation]
         order = [*here, *(i for i in range(len(observations)) if i not in here)]
@@ -362,7 +362,7 @@ class Sources:
 
     @property
     def indices(self) -> list[int]:
-        """Observations that are a source, in order."""
+        """Indices of the observations that are sources, in order."""
         return sorted({index for index in self.of if index is not None})
 
     def places(self, index: int) -> list[int]:
@@ -371,10 +371,10 @@ class Sources:
 
 
 def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
-    """Ratio of the measured peak to the predicted one with the instrument's noise, which increases peaks, shape (channel,).
+    """Ratio of the measured to the predicted peak, shape (channel,); instrument noise is added, since it increases peaks.
 
-    The errors of a wrong model are smooth, noise is not: σ² is estimated from second differences of the residual, whose variance
-    is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, who takes first ones).
+    Errors of a wrong model are smooth, noise is not. σ² is therefore estimated from second differences of the residual, whose
+    variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
     """
     structural = prediction.response if prediction.structural is None else prediction.structural
     residual = measured - np.median(prediction.response, axis=0)
@@ -393,7 +393,7 @@ def _largest(histories: np.ndarray) -> np.ndarray:
 def _scaled(
     prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
 ) -> Prediction:
-    """A prediction whose errors in some channels are scaled as on the measured record; `response`: its response too."""
+    """A prediction whose errors in some channels are scaled as on the measured record; `response` scales the response too."""
     if not places:
         return prediction
 
@@ -402,8 +402,8 @@ def _scaled(
         scaled[:, :, places] = scale.applied(draws[:, :, places], dt)
         return scaled
 
-    # What the parameters leave open is a part of the whole: narrowed with it, but not widened. A peak is an extreme of the whole
-    # record, of which a band that holds nine tenths of the samples says little: what peaks are taken from is not narrowed.
+    # Parameter uncertainty is a part of the total: it is narrowed with the total, but not widened. A peak is an extreme of the
+    # record, on which a 90 % band of the samples contains little information: histories used for peaks are not narrowed.
     narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
     structural = prediction.response if prediction.structural is None else prediction.structural
     return replace(

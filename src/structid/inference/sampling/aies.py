@@ -34,7 +34,7 @@ SETTLING_GAP = 30.0
 USUAL_CANDIDATES, USUAL_SETTLING = 20, 100
 """Default number of candidates for the start of a walker, and default number of settling steps."""
 START_TRIES = 50
-"""Rounds of drawing starting points of finite density."""
+"""Largest number of attempts to draw starting points of finite density."""
 
 
 @check_arguments
@@ -58,12 +58,12 @@ class AIES(Sampler):
         Fraction of the steps dropped at the start.
     start_candidates : int, optional
         Points drawn from the prior for every walker; a walker starts at one of them, chosen with a probability that grows
-        with its density rank. 1 starts from plain prior draws. When left out, 20; 1 where each costs a run of a solver, and for
-        points that are given.
+        with its density rank. 1 starts from plain prior draws. By default 20, but 1 for an external solver and for given
+        starting points.
     settling_steps : int, optional
         Number of first steps during which, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
         their ensemble's median are moved to a random healthy walker of that ensemble. This frees walkers caught in a false mode.
-        It is not a Markov move, so these steps must lie within the discarded part. When left out, 100, or as many as are discarded.
+        It is not a Markov move, so these steps must lie within the discarded part. By default 100, but at most the discarded steps.
 
     Examples
     --------
@@ -108,12 +108,12 @@ class AIES(Sampler):
             raise InputError(
                 "AIES.settling_steps",
                 f"{self.settling_steps}",
-                f"at most the {int(self.discard * self.steps)} steps that are discarded",
-                "Settling is no Markov move: its steps must not be kept.",
+                f"at most {int(self.discard * self.steps)}, the number of discarded steps",
+                "Reduce it or discard more: settling steps are not Markov moves and must be discarded.",
             )
 
     def describe(self) -> dict[str, float]:
-        """Settings that decide the draws: all but the number of steps and what is dropped."""
+        """Settings that determine the draws: all except the number of steps and the discarded fraction."""
         settings = {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
         return settings | {"settling_steps": self.settled_steps}
 
@@ -170,7 +170,7 @@ def starting_state(
             "AIES.walkers",
             f"{settings.walkers} for {target.dimension} parameters",
             f"{2 * target.dimension} or more: an ensemble must span the space",
-            "A study that names none has 32.",
+            "Use more walkers: the default of a study is 32.",
         )
     rng = stream(seed, Purpose.ENSEMBLE_START, 0)
     total = settings.ensembles * settings.walkers
@@ -190,8 +190,8 @@ def starting_state(
     else:
         raise ConvergenceError(
             f"Only {len(phi)} of {START_TRIES * required} starting points have a finite log density "
-            f"({failed_simulations} simulations failed). Check the priors: most of what they allow cannot be simulated "
-            "or has no likelihood."
+            f"({failed_simulations} simulations failed). Check the priors: most of their range cannot be simulated "
+            "or has zero likelihood."
         )
     phi, density = phi[:required], density[:required]
     if candidates > 1:
@@ -207,7 +207,7 @@ def starting_state(
 
 
 def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw starting points from given ones, repeating each as rarely as possible."""
+    """Draw starting points from given points, with as few repetitions as possible."""
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if points.shape[1] != target.dimension or len(points) < 2 * target.dimension:
         raise InputError(
@@ -242,7 +242,7 @@ def run_block(
 
 
 def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
-    """Move walkers trapped in a false mode to healthy ones of their ensemble."""
+    """Move walkers trapped in a false mode to healthy walkers of their ensemble."""
     rng = stream(seed, Purpose.ENSEMBLE_SETTLING, index)
     phi, density = state.copied()
     for ensemble in range(len(phi)):
@@ -253,7 +253,7 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
 
 
 def study_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that converge in the benchmark study, for a study file without them."""
+    """Defaults of a study file, which converge in the benchmark study."""
     defaults: dict[str, Any] = {
         "walkers": 32,
         "steps": 3000,

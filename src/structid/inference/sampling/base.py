@@ -19,7 +19,7 @@ Block = dict[str, np.ndarray]
 """Arrays with a leading step axis."""
 
 BLOCK_STEPS = 50
-"""Steps between two writes to the store. Random streams are derived block by block, so a killed run repeats one block."""
+"""Steps between two writes to the store. Random streams are derived block by block, so an interrupted run repeats one block."""
 
 Keep = Callable[[int, Block], None]
 """Adds the wall time to a block, and stores it on disk under its number."""
@@ -30,13 +30,13 @@ class Evidence:
     """log Z, Z = ∫ π₀(θ) L(θ) dθ."""
 
     value: float  # log Z
-    error: float  # Its standard error
+    error: float  # standard error of log Z
     each: Float[np.ndarray, " population"]  # log Z of independent populations
-    # Share of the prior in the basin of a mode (from where a way uphill leads to it) from which on the mode is found
-    # with a probability of 95 %. Modes with smaller basins may be missing in Z. NaN where none were searched for
+    # Smallest basin of attraction, as a fraction of the prior, whose mode is found with a probability of 95 %. Modes with
+    # smaller basins may be missing in Z. NaN without a search
     smallest_basin: float = float("nan")
-    # Whether the particles had come to rest. Where they had not, Z lacks what they had not reached, and the error does
-    # not know
+    # Whether the particles reached equilibrium. If not, regions they have not reached are missing in Z, and the error
+    # does not include this
     at_rest: bool = True
 
     @classmethod
@@ -56,7 +56,7 @@ class Evidence:
     def __str__(self) -> str:
         text = f"log evidence {self.value:.2f} ± {self.error:.2f}"
         if not self.at_rest:
-            return f"{text}, without what the particles have not reached: they are not at rest"
+            return f"{text}, without regions that the particles have not reached: they are not in equilibrium"
         return text if np.isnan(self.smallest_basin) else f"{text} ({self.reach})"
 
     def __sub__(self, other: Evidence) -> LogBayesFactor:
@@ -65,15 +65,15 @@ class Evidence:
 
     @property
     def reach(self) -> str:
-        """Which modes it includes."""
-        return f"of the modes whose basin holds {100 * self.smallest_basin:.2g} % of the prior or more"
+        """Description of the modes that the evidence includes."""
+        return f"includes modes whose basin of attraction covers {100 * self.smallest_basin:.2g} % of the prior or more"
 
 
 class LogBayesFactor(NamedTuple):
     """Evidence of a measurement for one model against another."""
 
-    value: float  # log of the ratio of both evidences [nat]: e^5 is 148 to 1
-    error: float  # Its standard error
+    value: float  # log of the ratio of both evidences [nat]; 5 nats are a ratio of 148
+    error: float  # standard error of `value`
 
     def __str__(self) -> str:
         return f"log Bayes factor {self.value:.2f} ± {self.error:.2f}"
@@ -83,7 +83,7 @@ class LogBayesFactor(NamedTuple):
 class Cost:
     """Cost of a chain whose proposals come from a surrogate."""
 
-    true_runs: int  # runs of the model itself, including those of the start
+    true_runs: int  # runs of the model itself, including the runs for starting points
     surrogate_runs: int  # runs of the surrogate in sub-chains
     acceptance: float  # fraction of proposals that the model accepted, over the kept steps
     sub_steps: int  # moves of a sub-chain, as tuned
@@ -95,8 +95,8 @@ class Cost:
 
     def __str__(self) -> str:
         return (
-            f"{self.true_runs} model runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
-            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each model run"
+            f"{self.true_runs} model runs, {self.surrogate_runs} surrogate runs ({self.sub_steps} per proposal, "
+            f"{self.acceptance:.0%} of the proposals accepted): {self.speed_up:.0f} moves per model run"
         )
 
 
@@ -104,7 +104,7 @@ class Cost:
 class Drawn:
     """The draws of a sampler."""
 
-    # Unconstrained coordinates of every step, the discarded ones included
+    # Unconstrained coordinates of every step, including discarded steps
     phi: Float[np.ndarray, "step ensemble walker parameter"]
     log_density: Float[np.ndarray, "step ensemble walker"]  # log density with respect to φ
     accepted: Bool[np.ndarray, "step ensemble walker"]  # whether each proposal was accepted
@@ -119,7 +119,7 @@ class Sampler(ABC):
 
     Examples
     --------
-    `tests/architecture/trial/new_sampler.py` is a complete one, a random walk that a killed run continues.
+    `tests/architecture/trial/new_sampler.py` is a complete example: a random walk that continues after an interruption.
 
     >>> import structid as si
     >>> sampler = si.AIES(walkers=20, steps=400)
@@ -138,16 +138,16 @@ class Sampler(ABC):
     interacting: ClassVar[bool] = True
     """Whether walkers interact, so that an ensemble must have at least twice as many walkers as there are parameters."""
     exact: ClassVar[bool] = False
-    """Whether it draws from the posterior of the model itself, with a surrogate that only proposes."""
+    """Whether it draws from the posterior of the model itself, with a surrogate only for proposals."""
 
     starts_elsewhere: ClassVar[bool] = True
-    """Whether walkers start away from the posterior, so that one may never get there."""
+    """Whether walkers start away from the posterior and may never reach it."""
     compared: ClassVar[bool] = False
-    """Whether its draws are compared with those of an independent population: few chains can miss a tail or a mode together."""
+    """Whether its draws are compared with an independent population, since few chains can all miss a tail or a mode."""
 
     @property
     def proposal_model(self) -> Model | None:
-        """The surrogate that makes proposals; None where the target itself does."""
+        """The surrogate that makes proposals; None if the target itself makes them."""
         return None
 
     def proposing_by(self, surrogate: Model) -> Sampler:
@@ -156,14 +156,14 @@ class Sampler(ABC):
         Parameters
         ----------
         surrogate : Model
-            Of the model that is sampled.
+            Surrogate of the sampled model.
 
         Returns
         -------
         Sampler
-            The settings, complete.
+            The complete settings.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no use for a surrogate's proposals")
+        raise NotImplementedError(f"{type(self).__name__} does not use a surrogate's proposals")
 
     @property
     @abstractmethod
@@ -172,16 +172,16 @@ class Sampler(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Settings that decide the draws, for hashes: more steps continue the same chain.
+        """Settings that determine the draws, for hashes; without the number of steps, since more steps continue a chain.
 
         Returns
         -------
         dict
-            By name.
+            Settings by name.
         """
 
     def evaluations(self, dimension: int) -> int:
-        """Densities that will be evaluated, about; those of the start and of discarded draws included.
+        """Approximate number of density evaluations, including the start and discarded draws.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Sampler(ABC):
         Returns
         -------
         int
-            Of the target that is sampled.
+            Number of evaluations of the target.
         """
         return self.steps * self.ensembles * self.walkers
 
@@ -215,15 +215,15 @@ class Sampler(ABC):
         Parameters
         ----------
         target : Target
-            What to sample.
+            Target to sample.
         seed : int
             Seed; with the number of a block it gives the block's random stream.
         start : ndarray (point, parameter) or None
             Points in SI to start from, for samplers that take them.
         blocks : list of dict
-            What is already on disk, in order.
+            Blocks already on disk, in order.
         keep : callable
-            Puts a block on disk.
+            Stores a block on disk.
         progress : callable, optional
             Called with the amount done and the total.
 
@@ -255,6 +255,6 @@ def block_lengths(steps: int) -> Iterator[int]:
 
 
 def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
-    """Drop a last block that an earlier, shorter run truncated: its random stream is that of a whole block."""
+    """Drop a last block that an earlier, shorter run truncated: its random stream belongs to a whole block."""
     cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
     return blocks[:-1] if cut_off else blocks

@@ -20,7 +20,7 @@ SCHEMA = 5
 class ChainStore:
     """Blocks of draws that survive a kill: each is on disk before the next begins.
 
-    An HDF5 file does not survive a kill while it is extended, so that blocks go to a checksummed journal (``<path>.journal``) and
+    An HDF5 file does not survive a kill while it is extended. Blocks therefore go to a checksummed journal (``<path>.journal``) and
     are merged into the HDF5 file by write-then-rename.
     """
 
@@ -37,8 +37,8 @@ class ChainStore:
         with opened_hdf5(self.path, "draws of a sampler") as file:
             identity, arrays = file.attrs["identity"], {name: file[name][...] for name in file}
             checksum = _checksum(identity, arrays)
-            if file.attrs.get("checksum", checksum) != checksum:  # files of before have none
-                raise OSError("what it holds does not have its checksum")
+            if file.attrs.get("checksum", checksum) != checksum:  # older files have none
+                raise OSError("its content does not match its checksum")
         compare_identity(self.path, json.loads(identity), self.identity)
         ends = np.cumsum(arrays.pop("block_steps"))
         return [

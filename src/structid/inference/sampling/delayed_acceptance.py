@@ -1,8 +1,8 @@
 """Delayed acceptance: a surrogate makes long proposals, each accepted or rejected by one run of the model itself.
 
 J. A. Christen & C. Fox (2005), "Markov chain Monte Carlo using an approximation", doi 10.1198/106186005X76983; several steps of
-the approximation as one proposal: J. S. Liu (2001), "Monte Carlo Strategies in Scientific Computing", §9.4.3. The draws are
-those of the model's posterior whatever the surrogate; a bad one only makes them slower.
+the approximation as one proposal: J. S. Liu (2001), "Monte Carlo Strategies in Scientific Computing", §9.4.3. The draws follow
+the model's posterior for any surrogate; a poor surrogate only slows the sampling.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from structid.inference.target import Target
 from structid.models.base import Model
 
 START_TRIES = 5
-"""Rounds of searching for starting points with a finite density of the model itself."""
+"""Largest number of attempts to find starting points with a finite density under the model itself."""
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
 """Second-stage acceptance above which sub-chains are doubled, and below which they are halved."""
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
-"""Interval of plain moves [steps], without which walkers with too little density under the surrogate would never leave."""
+"""Interval of plain moves [steps]; without them, walkers whose density the surrogate understates would never move."""
 DECORRELATED = 0.2
-"""Correlation between a sub-chain's ends below which a longer one gains little; with 128 walkers its error is 0.1."""
+"""Correlation between a sub-chain's ends below which a longer sub-chain gains little; with 128 walkers its error is 0.1."""
 
 
 @check_arguments
@@ -41,16 +41,16 @@ class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
     Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s. These are stretch and
-    differential-evolution moves, which look only at the resting half, and independence moves from a proposal learnt in the first
+    differential-evolution moves, which use only the resting half, and independence moves from a proposal learnt in the first
     steps. The end point x′ is one proposal. It costs one run of the model and is accepted with probability
     min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}. Every twentieth step (every third with a poor surrogate) is a plain ensemble move, so
-    that the chain is never much worse than one without a surrogate.
+    that the chain is never much worse than a chain without a surrogate.
 
     Parameters
     ----------
     approximation : Surrogate, Model or Target
-        What makes the proposals: a model used instead of the posterior's, or a density of the same parameters. A study gives the
-        surrogate it has fitted.
+        Source of the proposals: a model used instead of the posterior's model, or a density of the same parameters. A study uses
+        its fitted surrogate.
     walkers : int
         Walkers in an ensemble, even and at least twice the number of parameters.
     steps : int
@@ -61,11 +61,11 @@ class DelayedAcceptance(Sampler):
         Fraction of the steps dropped at the start.
     tuning : int
         Number of first steps that tune L by the acceptance and learn the proposal of the independence moves. They must
-        lie within the discarded part. With 1 or 0, that proposal is always fitted to the resting half alone.
+        lie within the discarded part. With 1 or 0, this proposal is always fitted to the resting half alone.
     sub_steps : int
-        L to begin with.
+        Initial value of L.
     most_sub_steps : int
-        L at most.
+        Largest value of L.
     stretch : float
         a of the stretch move.
     independent : float
@@ -98,11 +98,11 @@ class DelayedAcceptance(Sampler):
 
     @property
     def proposal_model(self) -> Model | None:
-        """The surrogate; None where a bare density proposes."""
+        """The surrogate; None if a bare density makes the proposals."""
         return self.approximation if isinstance(self.approximation, Model) else None
 
     def proposing_by(self, surrogate: Model) -> DelayedAcceptance:
-        """Return these settings with a surrogate that proposes; see `Sampler.proposing_by`."""
+        """Return these settings with a surrogate for proposals; see `Sampler.proposing_by`."""
         return replace(self, approximation=surrogate)
 
     def __post_init__(self) -> None:
@@ -118,7 +118,9 @@ class DelayedAcceptance(Sampler):
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"DelayedAcceptance.{name}", f"{value!r}", f"a whole number, {least} or more")
         if self.walkers % 2:
-            raise InputError("DelayedAcceptance.walkers", f"{self.walkers}", "an even number: two halves take turns")
+            raise InputError(
+                "DelayedAcceptance.walkers", f"{self.walkers}", "an even number: two halves move alternately"
+            )
         if not self.stretch > 1.0:
             raise InputError("DelayedAcceptance.stretch", f"{self.stretch}", "a number above 1")
         for name in ("independent", "differential_evolution"):
@@ -130,12 +132,12 @@ class DelayedAcceptance(Sampler):
             raise InputError(
                 "DelayedAcceptance.tuning",
                 f"{self.tuning}",
-                f"at most the {int(self.discard * self.steps)} steps that are discarded",
-                "A chain that is being tuned is no Markov chain: its steps must not be kept.",
+                f"at most {int(self.discard * self.steps)}, the number of discarded steps",
+                "Reduce it or discard more: a chain during tuning is not a Markov chain and must be discarded.",
             )
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but the number of steps and what is dropped."""
+        """Settings that determine the draws: all except the number of steps and the discarded fraction."""
         settings = {
             f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("approximation", "steps", "discard")
         }
@@ -147,7 +149,7 @@ class DelayedAcceptance(Sampler):
         """The settings in one line, for a report."""
         return (
             f"delayed acceptance, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, "
-            f"{self.discard:.0%} discarded: the model itself decides on every step"
+            f"{self.discard:.0%} discarded; a model run accepts or rejects every step"
         )
 
     def run(
@@ -165,7 +167,7 @@ class DelayedAcceptance(Sampler):
             raise InputError(
                 "DelayedAcceptance.walkers",
                 f"{self.walkers} for {target.dimension} parameters",
-                f"{2 * target.dimension} or more (32 where none are named): an ensemble must span the space",
+                f"{2 * target.dimension} or more (default 32): an ensemble must span the space",
             )
         if not blocks:
             state, runs, failed = self._start(target, proposing, seed, start)
@@ -220,11 +222,11 @@ class DelayedAcceptance(Sampler):
         """The density that makes the proposals."""
         approximation = self.approximation
         if isinstance(approximation, Model) and isinstance(target, Posterior):
-            approximation = target.on(approximation, refuse_unfit=False)  # exact whatever its error
+            approximation = target.on(approximation, refuse_unfit=False)  # the draws are exact for any surrogate error
         if not isinstance(approximation, Target) or approximation.names != target.names:
             raise InputError(
                 "DelayedAcceptance.approximation",
-                "nothing" if approximation is None else f"a {type(approximation).__name__}",
+                "no approximation" if approximation is None else f"a {type(approximation).__name__}",
                 f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
             )
         same = approximation.bijection == target.bijection
@@ -246,15 +248,15 @@ class DelayedAcceptance(Sampler):
             fresh = candidates[rng.integers(len(candidates), size=required - len(phi))]
             value, failed = target.evaluate(fresh)
             runs, failed_runs = runs + len(fresh), failed_runs + int(failed.sum())
-            # Where the surrogate gives no density, no proposal could ever be accepted.
+            # Where the surrogate's density is zero, no proposal could ever be accepted.
             good = np.isfinite(value) & np.isfinite(proposing.evaluate(fresh)[0])
             phi, log_density = np.concatenate([phi, fresh[good]]), np.concatenate([log_density, value[good]])
             if len(phi) >= required:
                 break
         else:
             raise ConvergenceError(
-                f"Only {len(phi)} of {runs} points of the surrogate's posterior have a density under the model itself "
-                f"({failed_runs} simulations failed). Do more model runs there: structid.calibrate does."
+                f"Only {len(phi)} of {runs} points of the surrogate's posterior have a finite density under the model "
+                f"itself ({failed_runs} simulations failed). Do more model runs there, for example by structid.calibrate."
             )
         phi, log_density = phi[:required], log_density[:required]
         shape = (self.ensembles, self.walkers)
@@ -279,14 +281,14 @@ class DelayedAcceptance(Sampler):
         accepted = np.zeros(log_density.shape, dtype=bool)
         failed_runs = true_runs = surrogate_runs = proposals = 0
         for moving, resting in halves(self.walkers):
-            # L moves of one half under the surrogate's posterior, the other half frozen: where they end, and log π_s there.
+            # End points, and log π_s there, of L moves of one half under the surrogate's posterior; the other half is frozen.
             half, others = state.under_surrogate.part(moving).copied(), state.under_surrogate.part(resting)
             for kind in moves.there_and_back(rng, length):
                 move_walkers(rng, proposing, half, others, moves, kind)
             proposal, value = half
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
-            # From a point where the surrogate gives no density, nothing can be accepted.
+            # From a point where the surrogate's density is zero, nothing can be accepted.
             has_moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
             proposals += int(has_moved.sum())
             new_true, count, failed = _true_density(target, proposal, has_moved)
@@ -299,7 +301,7 @@ class DelayedAcceptance(Sampler):
             accepted[:, moving] = better
         following = length
         if tuning:
-            # Sub-chains of few moves may go nowhere: the model has not refused them, and they should be longer, not shorter.
+            # Sub-chains of few moves may stay in place: the model has not rejected them, and they should be longer, not shorter.
             acceptance = float(accepted.sum()) / proposals if proposals else 1.0
             following = self._tuned(length, acceptance, before, ends)
             plain_every = PLAIN_EVERY if acceptance > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
@@ -317,7 +319,7 @@ class DelayedAcceptance(Sampler):
         rng: np.random.Generator,
     ) -> Block:
         """Make a single ensemble move without the surrogate."""
-        # A proposal learnt under a poor surrogate does not approximate the posterior; one fitted to the resting half always does.
+        # Unlike a proposal learnt under a poor surrogate, a proposal fitted to the resting half approximates the posterior.
         state, moves = state.copied(), self._moves()
         accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
@@ -340,11 +342,9 @@ class DelayedAcceptance(Sampler):
 class TwoStageState(NamedTuple):
     """Positions of all walkers, and both log densities there."""
 
-    phi: Float[np.ndarray, "ensemble walker parameter"]  # Unconstrained coordinates
-    # Log densities under the model itself and under the surrogate, with respect to φ
-    log_density: Float[np.ndarray, "ensemble walker"]
-    # Log densities under the model itself and under the surrogate, with respect to φ
-    log_surrogate: Float[np.ndarray, "ensemble walker"]
+    phi: Float[np.ndarray, "ensemble walker parameter"]  # unconstrained coordinates
+    log_density: Float[np.ndarray, "ensemble walker"]  # under the model itself, with respect to φ
+    log_surrogate: Float[np.ndarray, "ensemble walker"]  # under the surrogate, with respect to φ
 
     @classmethod
     def of(cls, block: Block) -> TwoStageState:
@@ -395,7 +395,7 @@ def _block(
 def _true_density(target: Target, proposal: np.ndarray, has_moved: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Log density under the model itself where a sub-chain has moved, with the number of runs and of failures."""
     density = np.full(has_moved.shape, -np.inf)
-    # An external solver is spared runs of sub-chains that went nowhere. A built-in one keeps the batches that it is compiled for.
+    # An external solver skips sub-chains that stayed in place. A built-in model keeps the batches for which it is compiled.
     rows = has_moved if target.costs_runs else np.ones_like(has_moved)
     if not rows.any():
         return density, 0, 0

@@ -2,7 +2,7 @@
 
 J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
 doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1; independence
-moves as N. Chopin (2002), doi 10.1093/biomet/89.3.539, makes them with particles.
+moves after N. Chopin (2002), doi 10.1093/biomet/89.3.539, who uses particles.
 
 Numbers in brackets, such as [2.31], are equations of the MSc thesis in docs/bibliography.md.
 """
@@ -20,10 +20,10 @@ from structid.inference.target import Target
 DEGREES_OF_FREEDOM = 10.0
 """Degrees of freedom of the Student-t proposals. Their tails are heavier than a Gaussian's, to reach far walkers."""
 LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
-"""For each component: the fraction of the walkers, those of highest density, to which it is fitted, and its fraction of the
+"""For each component: the fraction of the walkers, by highest density, to which it is fitted, and its fraction of the
 moves."""
 Kind = Literal["independent", "differential evolution", "stretch"]
-"""Kind of a move; all moving walkers make the same one."""
+"""Kind of a move; all moving walkers make the same kind of move."""
 
 
 class EnsembleState(NamedTuple):
@@ -56,7 +56,7 @@ def stretch_proposal(
     """Stretch move.
 
     x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with min{1, Z^(d−1)
-    π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], to which its acceptance [2.33] does not belong.)
+    π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], which does not match its acceptance [2.33].)
     """
     ensembles, walkers, dimension = moving.shape
     # Inverse of the cdf of g: √z is uniform between 1/√a and √a.
@@ -90,9 +90,9 @@ def differential_proposal(
 class IndependenceProposal(NamedTuple):
     """A mixture of Student-t distributions from which independence moves are drawn.
 
-    Each component has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of
-    those of highest density, according to `LAYERS`. Where a narrow peak rises from a wide slope, the distribution of all walkers
-    hardly ever proposes the peak, and walkers in it would not leave.
+    Each component has `DEGREES_OF_FREEDOM`. Its centre and scale are the mean and covariance of all walkers, or of the walkers of
+    highest density, according to `LAYERS`. If a narrow peak rises from a wide slope, a proposal fitted to all walkers hardly ever
+    proposes the peak, and walkers in it would not leave.
     """
 
     middle: Float[np.ndarray, "ensemble layer parameter"]  # centre of each component
@@ -107,7 +107,7 @@ class IndependenceProposal(NamedTuple):
         return cls(middle, factor, np.array(list(sizes.values())))
 
     def shared_by(self, ensembles: int) -> IndependenceProposal:
-        """The distribution of a single ensemble, for several."""
+        """Copies of a single ensemble's distribution for several ensembles."""
         return self._replace(
             middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
         )
@@ -134,17 +134,17 @@ class IndependenceProposal(NamedTuple):
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:
-    """Number of walkers, those of highest density, for each component of `LAYERS`, and its fraction of the moves."""
+    """Number of highest-density walkers for each component of `LAYERS`, and the component's fraction of the moves."""
     sizes: dict[int, float] = {}
     for densest, share in LAYERS:
-        # A covariance needs four walkers for each dimension or more. With few walkers several layers become one.
+        # A covariance needs at least four walkers per dimension. With few walkers, several layers merge into one.
         size = min(walkers, max(round(densest * walkers), 4 * dimension))
         sizes[size] = sizes.get(size, 0.0) + share
     return sizes
 
 
 def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and Cholesky factor of the covariance of the walkers of highest density, for several numbers of them.
+    """Mean and Cholesky factor of the covariance of the walkers of highest density, for several numbers of walkers.
 
     Shapes (ensemble, layer, parameter) and (ensemble, layer, parameter, parameter).
     """
@@ -179,9 +179,9 @@ class Moves:
     """Mixture of the walkers' moves."""
 
     stretch: float  # a of the stretch move
-    differential_evolution: float  # Fraction of differential-evolution moves among those that are not independent
+    differential_evolution: float  # Fraction of differential-evolution moves among the other moves
     independent: float = 0.0  # Fraction of independence moves
-    # The proposal they are drawn from. When left out, it is fitted to the resting half for each of them
+    # Proposal of the independence moves. If left out, it is fitted to the resting half for each move
     proposal: IndependenceProposal | None = None
 
     def kind(self, rng: np.random.Generator) -> Kind:

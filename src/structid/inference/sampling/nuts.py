@@ -33,7 +33,7 @@ from structid.inference.sampling.starting_points import tempered_draws
 from structid.inference.target import Target
 
 START_TRIES = 20
-"""Rounds of drawing starting points of finite density."""
+"""Largest number of attempts to draw starting points of finite density."""
 
 LEAPFROGS = 12
 """Leapfrog steps of a trajectory on typical posteriors."""
@@ -44,8 +44,8 @@ LEAPFROGS = 12
 class NUTS(Sampler):
     """Settings of the No-U-Turn sampler.
 
-    Chains start at draws of the tempered posterior if the target knows its prior, and at the target's starting points otherwise.
-    During the warm-up, each chain learns its step size and its dense mass matrix, which begins as the tempered draws' own. Then it
+    Chains start at draws of the tempered posterior if the target has a separate prior, otherwise at the target's starting points.
+    During the warm-up, each chain tunes its step size and its dense mass matrix, starting from the mass matrix of the tempered
     draws.
 
     Parameters
@@ -74,7 +74,7 @@ class NUTS(Sampler):
     target_acceptance: float = 0.8
     deepest: int = 10
 
-    discard = 0.0  # no field: the warm-up is apart
+    discard = 0.0  # no field: the warm-up is separate
     needed_length: ClassVar[float] = 50.0
     needs_derivatives: ClassVar[bool] = True
     interacting: ClassVar[bool] = False
@@ -99,11 +99,11 @@ class NUTS(Sampler):
         return 1
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but their number."""
+        """Settings that determine the draws: all except their number."""
         return {"kind": "nuts", **{k: v for k, v in asdict(self).items() if k != "steps"}}
 
     def evaluations(self, dimension: int) -> int:
-        """Gradients that will be evaluated, about; see `Sampler.evaluations`."""
+        """Approximate number of gradient evaluations; see `Sampler.evaluations`."""
         return self.chains * (self.warm_up + self.steps) * LEAPFROGS
 
     @property
@@ -150,7 +150,7 @@ class NUTS(Sampler):
             candidates = target.bijection.inverse(np.atleast_2d(np.asarray(points, dtype=np.float64)))
         elif target.knows_prior:
             candidates = tempered_draws(target, seed)
-            # Along a narrow ridge the first trajectories would take a thousand steps each by any other.
+            # With another mass matrix, the first trajectories along a narrow ridge would take a thousand steps each.
             inverse_mass = _covariance(candidates)
         else:
             candidates = target.initial(START_TRIES * self.chains, rng)
@@ -226,7 +226,7 @@ class _Kernels:
         def forward(phi: Any) -> tuple[Any, Any]:
             (value,), slopes = with_slopes(lambda point: self._function(point, data), phi[None])
             gradient = slopes[:, 0]
-            # Outside the support a density is −∞ and its gradient not a number, which would spoil the momentum for good.
+            # Outside the support, the density is −∞ and its gradient NaN, which would make the momentum NaN for all later steps.
             return value, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
 
         density: Any = jax.custom_vjp(plain)

@@ -1,4 +1,4 @@
-"""All samplers. A new one is a file with its settings and a line here."""
+"""All samplers. A new sampler needs a file with its settings and a line here."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from structid.inference.sampling.smc.smc import SMC
 
 @dataclass(frozen=True, eq=False)
 class SamplerKind:
-    """One sampler: its word in a study file, and the defaults it has there.
+    """One sampler: its name and its defaults in a study file.
 
     Parameters
     ----------
     settings : type
         The class of its settings, a dataclass.
     word : str
-        ``kind`` in a study file.
+        Value of ``kind`` in a study file.
     defaults : callable, optional
-        Gives the settings that a study leaves out, from those it gives. When left out, the defaults of the class hold.
+        Returns the settings missing in a study from the given settings. If left out, the defaults of the class apply.
     hidden : tuple of str
         Settings that a study file cannot give.
 
@@ -54,7 +54,7 @@ class SamplerKind:
         Parameters
         ----------
         given : mapping of str to object
-            What the file says.
+            Keys and values of the file.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Starting points for chains that cannot find a posterior from its prior: draws of a tempered posterior."""
+"""Starting points for chains that cannot reach a posterior from its prior: draws of a tempered posterior."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from structid.inference.sampling.smc.tempering import Population
 from structid.inference.target import Target
 
 EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
-"""Sampler that finds the posterior from the prior by tempering."""
+"""Sampler that reaches the posterior from the prior by tempering."""
 START_EXPONENT = 0.5
 """Exponent of the likelihood. The draws are wider than the posterior, so that R-hat is informative."""
 

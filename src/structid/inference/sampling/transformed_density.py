@@ -1,4 +1,4 @@
-"""A density in the unconstrained coordinates of another one."""
+"""A density in the unconstrained coordinates of another density."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from structid.probability.bijections import Bijection
 class InCoordinates(Target):
     """A density in the unconstrained coordinates of another target of the same parameters.
 
-    Two targets whose parameters have other bounds, or other scales, map the same φ to different θ. A sampler that uses both
-    at once needs them in one φ. With φ′ the density's own coordinates of θ(φ): log π(φ) = log π(φ′) + log |dφ′/dφ|.
+    Two targets whose parameters differ in bounds or scales map the same φ to different θ. A sampler that uses both
+    at once needs a common φ. With φ′ the density's own coordinates of θ(φ): log π(φ) = log π(φ′) + log |dφ′/dφ|.
     """
 
     def __init__(self, density: Target, bijection: Bijection) -> None:
@@ -66,5 +66,5 @@ class InCoordinates(Target):
 
 
 def _or_none(log_density: np.ndarray) -> np.ndarray:
-    """The same with −inf where it is undefined."""
+    """The log density with −inf where it is undefined."""
     return np.where(np.isnan(log_density), -np.inf, log_density)

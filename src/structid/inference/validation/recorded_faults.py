@@ -16,13 +16,13 @@ OFFSET = 2.0
 """Ratio of mean to standard deviation above which a measurement probably has an offset."""
 
 OFFSET_OF_RATES = 0.5
-"""The same for velocities and accelerations, whose mean is nearly zero for a structure that stays in place."""
+"""The same ratio for velocities and accelerations, whose mean is nearly zero for a structure that stays in place."""
 
 RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
 """Channels that are velocities or accelerations."""
 
 OFFSET_AT_REST = 0.02
-"""Ratio of the mean before any motion to the peak that indicates an uncorrected zero."""
+"""Ratio of the mean before the record begins to the peak that indicates an uncorrected zero."""
 
 QUIET = 0.01
 """Fraction of its peak below which a record has not begun."""
@@ -34,13 +34,13 @@ SHORTEST_REST = 0.5
 """Minimum time before a record begins [s] for an estimate at rest."""
 
 SHORTEST_GAP = 1.0
-"""Duration of exact zeros [s] that a working sensor does not show during motion."""
+"""Duration of exact zeros [s] that a working sensor does not record while the structure moves."""
 
 MOVING = 0.1
-"""Fraction of its peak that a history reaches within `SHORTEST_GAP` of a gap. Zeros after a quiet end are no gap."""
+"""Fraction of its peak that a history must reach within `SHORTEST_GAP` of a gap; zeros after a quiet end are no gap."""
 
 STRAIGHT = 1e-4
-"""Largest relative distance from a straight line of something that is no measurement."""
+"""Largest relative deviation from a straight line of a history that is no measurement."""
 
 FEWEST = 20
 """Minimum number of samples."""
@@ -53,7 +53,7 @@ ONE_SIDED = 0.5
 
 
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
-    """Questions about what the measured histories show by themselves, without a model."""
+    """Questions about faults that the measured histories show without a model."""
     questions = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
         unit = units[channel].display
@@ -69,21 +69,21 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
 
 
 def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
-    """Question about exact zeros during motion."""
+    """Question about exact zeros while the structure moves."""
     near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
     peak = np.abs(values).max()
     for begin, end in _stretches(values == 0.0):
         around = np.concatenate([values[max(begin - near, 0) : begin], values[end : end + near]])
         if begin > 0 and end - begin >= near and np.abs(around).max() > MOVING * peak:
             return (
-                f"The {name} is exactly zero from {begin * dt:.4g} s to {(end - 1) * dt:.4g} s, next to motion. Did the "
-                "recorder lose these values? Then cut the record and the measurement there."
+                f"The {name} is exactly zero from {begin * dt:.4g} s to {(end - 1) * dt:.4g} s, next to large values. Did "
+                "the recorder lose values? If so, cut the record and the measurement there."
             )
     return ""
 
 
 def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
-    """Question about flat tops at an extreme, as a range that is too small causes."""
+    """Question about flat tops at an extreme, which a too small measuring range causes."""
     steps = np.abs(np.diff(values))
     if not steps.any():
         return ""
@@ -97,14 +97,14 @@ def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
             if end - begin >= CLIPPED
             and begin > 0
             and end < len(values)
-            # A smooth peak is flat too where the resolution is coarse, but then it is reached by single steps of that.
+            # A smooth peak is also flat if the resolution is coarse, but the history then rises in single resolution steps.
             and min(steps[begin - 1], steps[end - 1]) > CLIPPED * resolution
         ]
         if tops:
             return (
                 f"The {name} stays at its extreme value {extreme / factor(unit):.4g} {unit} for up to {max(tops)} samples, "
-                f"{'once' if len(tops) == 1 else f'{len(tops)} times'}. Was the instrument at the end of its range? What is cut "
-                "cannot be calibrated to."
+                f"{'once' if len(tops) == 1 else f'{len(tops)} times'}. Was the instrument at the end of its range? A clipped "
+                "history cannot be used for a calibration."
             )
     return ""
 
@@ -113,7 +113,7 @@ def _constant(channel: str, values: np.ndarray, unit: str) -> str:
     """Question about a constant history, which a working sensor does not produce."""
     if len(values) < FEWEST or np.ptp(values) > 0.0:
         return ""
-    return f"The measured {channel} is {values[0] / factor(unit):.3g} {unit} throughout. Was the sensor dead?"
+    return f"The measured {channel} is {values[0] / factor(unit):.3g} {unit} throughout. Did the sensor fail?"
 
 
 def _straight(channel: str, values: np.ndarray) -> str:
@@ -125,17 +125,17 @@ def _straight(channel: str, values: np.ndarray) -> str:
     if np.abs(values - start - slope * times).max() > STRAIGHT * np.ptp(values):
         return ""
     return (
-        f"The measured {channel} is a straight line from {values[0]:.4g} to {values[-1]:.4g} in SI. Is it the column of the times? "
-        "'column' says which one is meant; the first is 0."
+        f"The measured {channel} is a straight line from {values[0]:.4g} to {values[-1]:.4g} in SI. Is it the time column? "
+        "If so, set 'column' to the measured column; the first column is 0."
     )
 
 
 def _offset(channel: str, values: np.ndarray, unit: str, observation: Observation) -> str:
-    """Question about a mean that is large relative to the motion, or present before it."""
+    """Question about a mean that is large relative to the history, or present before the record begins."""
     if observation.offset is not None:
         return ""
     mean, spread = float(values.mean()), float(values.std())
-    cure = "Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
+    cure = "Is it an offset of the instrument? If so, give 'offset' a prior, or subtract it."
     if abs(mean) > (OFFSET_OF_RATES if base_channel(channel) in RATES else OFFSET) * spread:
         return (
             f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit}, {abs(mean) / spread:.1f} "
@@ -156,7 +156,7 @@ def _offset(channel: str, values: np.ndarray, unit: str, observation: Observatio
 
 
 def _begin(record: Excitation) -> int:
-    """Samples before an excitation first reaches a fraction of its peak; 0 for one that is zero everywhere."""
+    """Samples before an excitation first reaches a fraction of its peak; 0 if it is zero everywhere."""
     size = np.abs(record.values)
     return int(np.argmax(size > QUIET * size.max())) if size.any() else 0
 

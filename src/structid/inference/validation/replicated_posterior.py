@@ -52,7 +52,7 @@ class ReplicatedPosterior(Target):
 
     @cached_property
     def _in_lanes(self) -> Callable[..., Any] | None:
-        """The density in compiled lanes, with the measurements as signals; None where impossible.
+        """Compiled vector code of the density, with the measurements as signals; None if impossible.
 
         A shortcut to the likelihood takes the measurements in another form than a loop over time.
         """
@@ -69,7 +69,7 @@ class ReplicatedPosterior(Target):
         return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), measured.values.shape[:2])
 
     def _replicas(self, runs: int) -> np.ndarray:
-        """Replica of each of a number of runs."""
+        """Index of the replica of every run."""
         return np.repeat(np.arange(self._count), runs // self._count)
 
     def _signals(self, runs: int) -> list[tuple[slice, Signals]]:

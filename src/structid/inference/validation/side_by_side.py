@@ -1,4 +1,4 @@
-"""Comparison of model and measurement before any long run, which reveals wrong units, reversed signs and late clocks."""
+"""Comparison of model and measurement before any long run, which reveals wrong units, reversed signs and time shifts."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from structid.inference.prediction.best_prediction import comparable
 from structid.observation import Observation
 
 OUT_OF_TUNE = 3.0
-"""Ratio of main frequencies that is suspicious: nine times the stiffness, or the mass."""
+"""Suspicious ratio of main frequencies, which corresponds to nine times the stiffness or the mass."""
 
 SHARED = 0.1
-"""Amplitude near the other's main frequency, relative to a spectrum's largest, that indicates a common mode."""
+"""Amplitude near the other history's main frequency, relative to a spectrum's maximum, that indicates a common mode."""
 
 FEWEST_CYCLES = 3
-"""Minimum number of cycles in the history; fewer are a drift, such as that to a residual displacement."""
+"""Minimum number of cycles in the history; fewer cycles are a drift, for example to a residual displacement."""
 
 NEAR = 0.2
 """Relative half-width of the neighbourhood of a frequency."""
@@ -31,7 +31,7 @@ OPPOSITE = -0.6
 """Correlation of model and measurement below which a sign is probably reversed."""
 
 ALIKE, UNLIKE = 0.7, 0.5
-"""Correlation after a time shift above which the shift is probably real, if without it less than this fraction remains."""
+"""Correlation after a time shift above which the shift is probably real, if less than this fraction of it remains without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +70,16 @@ class SideBySide:
 
     @property
     def sentence(self) -> str:
-        """Peaks and main frequencies of both, to follow an article."""
+        """Peaks and main frequencies of model and measurement; the text follows an article."""
         shown = [
             f"{peak / factor(self.unit):.3g} {self.unit} (mainly at {frequency:.2g} Hz)"
             for peak, frequency in zip(self._peaks, self._frequencies, strict=True)
         ]
-        return f"model's {self.channel} reaches {shown[0]}, the measured one {shown[1]}."
+        return f"model's {self.channel} reaches {shown[0]}, the measured {self.channel} {shown[1]}."
 
     @property
     def questions(self) -> dict[str, str]:
-        """What does not fit, one sentence each for size, frequency, sign and clock."""
+        """Mismatches of model and measurement, one sentence each on amplitude, frequency, sign and time base."""
         questions = {
             "size": self._of_size,
             "frequency": self._of_frequency,
@@ -93,13 +93,13 @@ class SideBySide:
         if comparable(*self._peaks):
             return ""
         return (
-            f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
-            "right, and a number without a unit in SI?"
+            f"The model's peak {self.channel} is {self._peaks[0] / self._peaks[1]:.2g} times the measured peak. Are all units "
+            "right? Numbers without a unit are in SI."
         )
 
     @property
     def _of_frequency(self) -> str:
-        """Whether the main frequencies differ and neither spectrum contains the other's."""
+        """Question if the main frequencies differ and neither spectrum contains the other main frequency."""
         modelled, measured = self._frequencies
         low, high = sorted((modelled, measured))
         if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
@@ -111,8 +111,8 @@ class SideBySide:
         if max(shares) > SHARED:
             return ""
         return (
-            f"The model's {self.channel} is mainly at {modelled:.2g} Hz, the measured one at {measured:.2g} "
-            "Hz. Are mass and stiffness in the units you mean?"
+            f"The model's {self.channel} is mainly at {modelled:.2g} Hz, the measured {self.channel} at {measured:.2g} "
+            "Hz. Are mass and stiffness in the intended units?"
         )
 
     @property
@@ -123,7 +123,7 @@ class SideBySide:
 
     @property
     def _together(self) -> float:
-        """Correlation of both; 0 where one is at rest."""
+        """Correlation of model and measurement; 0 if one of them is constant."""
         moving = bool(self.measured.std() and self.modelled.std())
         return float(np.corrcoef(self.modelled, self.measured)[0, 1]) if moving else 0.0
 
@@ -133,13 +133,13 @@ class SideBySide:
         if together >= OPPOSITE or not self._sign_known:
             return ""
         return (
-            f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
-            "the instrument's positive direction that of the record? If not, a gain of -1 turns it."
+            f"Model and measured {self.channel} have a correlation of {together:.2f}: they nearly agree with the sign reversed. "
+            "Does the instrument's positive direction match the record's? If not, set a gain of -1."
         )
 
     @property
     def _of_clock(self) -> str:
-        """Whether model and measurement agree only after a time shift; a reversed sign is no shift."""
+        """Question if model and measurement agree only after a time shift; a reversed sign is no shift."""
         if self._together < OPPOSITE:
             return ""
         shift, shifted, together = _best_shift(self.modelled, self.measured)
@@ -147,10 +147,10 @@ class SideBySide:
             return ""
         seconds = shift * self.record.dt
         return (
-            f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
-            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
-            f"'time_shift' says what it shows then: {abs(seconds):.3g} s {'more' if seconds > 0 else 'less'} than now, or a prior "
-            "about that."
+            f"Model and measured {self.channel} have a correlation of {together:.2f}, but of {shifted:.2f} if the measurement is "
+            f"moved {abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Do measurement and record have the same time base? "
+            f"If not, set 'time_shift' {abs(seconds):.3g} s {'higher' if seconds > 0 else 'lower'} than now, or to a prior around "
+            "this value."
         )
 
 
@@ -172,7 +172,7 @@ def _spectrum(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _main_frequency(values: np.ndarray, dt: float) -> float:
-    """Frequency of the largest amplitude [Hz]; where that is a drift, from the spectrum of the rate."""
+    """Frequency of the largest amplitude [Hz]; if that is a drift, from the spectrum of the time derivative."""
     frequencies, amplitude = _spectrum(values, dt)
     largest = int(np.argmax(amplitude))
     if largest < FEWEST_CYCLES:
@@ -181,7 +181,7 @@ def _main_frequency(values: np.ndarray, dt: float) -> float:
 
 
 def _share_near(values: np.ndarray, dt: float, frequency: float) -> float:
-    """Largest amplitude near a frequency [Hz] relative to the largest of all; 0 for a history at rest."""
+    """Largest amplitude near a frequency [Hz] relative to the largest amplitude; 0 for a constant history."""
     frequencies, amplitude = _spectrum(values, dt)
     near = np.abs(frequencies - frequency) <= max(NEAR * frequency, 1.0 / (dt * len(values)))
     return float(amplitude[near].max() / amplitude.max()) if amplitude.any() else 0.0

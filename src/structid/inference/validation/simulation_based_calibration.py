@@ -1,8 +1,8 @@
 """Simulation-based calibration: whether a posterior has its nominal coverage where the truth is known.
 
-Parameters are drawn from the prior, a measurement is simulated with each, and each replica is calibrated. If prior, model,
-likelihood and sampler fit together, the rank of the true parameter among the posterior draws is uniform (S. Talts et al. 2018,
-arXiv 1804.06788), and an interval of 90 % holds it in nine replicas of ten.
+Parameters are drawn from the prior, a measurement is simulated for each draw, and each replica is calibrated. If prior, model,
+likelihood and sampler are consistent, the rank of the true parameter among the posterior draws is uniform (S. Talts et al. 2018,
+arXiv 1804.06788), and a 90 % interval contains it in nine replicas of ten.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ TELLING = 2.5
 LEVEL = 0.01
 """Probability that correct ranks are rejected."""
 LOG_LIKELIHOOD = "log-likelihood"
-"""Name of the last quantity that is ranked."""
+"""Name of the last ranked quantity."""
 ENOUGH_REPLICAS = 100
-"""Fewer replicas reveal only gross mistakes."""
+"""Number of replicas below which only gross mistakes are revealed."""
 FEWEST_REPLICAS = 20
 """Minimum number of replicas."""
 
@@ -53,16 +53,16 @@ class Ranks(ShownAsText):
     Parameters
     ----------
     names, units : tuple of str
-        Quantities and their display units: the parameters, and last the log-likelihood, which alone shows a likelihood that does
-        not see the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
+        Quantities and their display units: the parameters, and last the log-likelihood. Only the latter reveals a likelihood that
+        ignores the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
     truth : ndarray, shape (replica, quantity)
-        Of parameters drawn from the prior, in SI.
+        True values of the quantities, drawn from the prior, in SI.
     draws : ndarray, shape (replica, draw, quantity)
-        Of each replica's posterior, in SI.
+        Draws of each replica's posterior, in SI.
     ranks : ndarray, shape (replica, quantity)
-        How many of each replica's last particles lie below the truth.
+        Number of each replica's last particles that lie below the truth.
     particles : int
-        Number of those particles: ranks go from 0 to this number.
+        Number of last particles; ranks range from 0 to this number.
     """
 
     names: tuple[str, ...]
@@ -74,10 +74,10 @@ class Ranks(ShownAsText):
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Probability that a correct posterior looks this wrong, shape (quantity,).
+        """Probability that a correct posterior deviates this much, shape (quantity,).
 
         Four times the smallest of four p-values: of the ranks' histogram by χ², of their distribution function by Kolmogorov and
-        Smirnov, and of the numbers of 50 and 90 % intervals that hold the truth, which are binomial.
+        Smirnov, and of the numbers of 50 and 90 % intervals that contain the truth, which are binomial.
         """
         count = len(self.truth)
         tests = [scipy.stats.chisquare(self.histogram(self.bins), axis=1).pvalue]
@@ -104,12 +104,12 @@ class Ranks(ShownAsText):
         Parameters
         ----------
         bins : int
-            How many bins.
+            Number of bins.
 
         Returns
         -------
         ndarray, shape (quantity, bin)
-            Replicas in each. Jittered ranks give equal probability to bins that do not divide the whole numbers evenly.
+            Replicas in each bin. Jittered ranks give equal probability to bins that do not divide the whole numbers evenly.
         """
         return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in self._places.T])
 
@@ -119,17 +119,17 @@ class Ranks(ShownAsText):
         return bool(self.p_values.min() > LEVEL / len(self.names))
 
     def coverage(self, probability: float) -> Float[np.ndarray, " quantity"]:
-        """Share of the replicas whose central interval holds the truth.
+        """Fraction of the replicas whose central interval contains the truth.
 
         Parameters
         ----------
         probability : float
-            Of the interval.
+            Probability of the interval.
 
         Returns
         -------
         ndarray, shape (quantity,)
-            If all is well, equal to `probability` up to the finite number of replicas.
+            For a correct posterior, `probability` up to the error of a finite number of replicas.
         """
         tail = 0.5 * (1.0 - probability)
         low, high = np.quantile(self.draws, [tail, 1.0 - tail], axis=1)
@@ -142,27 +142,27 @@ class Ranks(ShownAsText):
         p, name = self.p_values[worst], self.names[worst]
         if self.uniform:
             sentence = (
-                f"Calibrated: the ranks of the truth are uniform in {count} replicas, and intervals hold it as often as they say "
-                f"(smallest p = {p:.2g}, of {name})."
+                f"Calibrated: the ranks of the truth are uniform in {count} replicas, and intervals contain it with the stated "
+                f"probability (smallest p = {p:.2g}, for {name})."
             )
             if count < ENOUGH_REPLICAS:
                 unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
-                sentence += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
+                sentence += f" So few replicas show only gross errors: coverage errs by ±{unseen:.0%}, by ±4% with 200."
             return sentence
         of_parameters = [p for quantity, p in zip(self.names, self.p_values, strict=True) if quantity != LOG_LIKELIHOOD]
         if of_parameters and min(of_parameters) <= LEVEL / len(self.names):
-            worst = int(np.argmin(of_parameters))  # a parameter says more of what is wrong
+            worst = int(np.argmin(of_parameters))  # a parameter is more informative
             p, name = self.p_values[worst], self.names[worst]
         elif name == LOG_LIKELIHOOD:
             return (
-                f"NOT CALIBRATED: the log-likelihood of the truth does not lie among those of the draws as it should, in {count} "
-                f"replicas (p = {p:.1g}): the posteriors do not use the data as their likelihood says."
+                f"NOT CALIBRATED: the log-likelihood of the truth has wrong ranks among the draws' log-likelihoods in {count} "
+                f"replicas (p = {p:.1g}): the posteriors do not use the data as their likelihood requires."
             )
         half = self.coverage(0.5)[worst]
         return (
             f"NOT CALIBRATED: the posteriors of {name} are {_how_wrong(self._places[:, worst])} in {count} replicas "
-            f"(p = {p:.1g}). Intervals of 50 % hold the "
-            f"truth in {half:.0%}, of 90 % in {self.coverage(0.9)[worst]:.0%}."
+            f"(p = {p:.1g}). The 50 % intervals contain "
+            f"the truth in {half:.0%} of them, the 90 % intervals in {self.coverage(0.9)[worst]:.0%}."
         )
 
     def __str__(self) -> str:
@@ -179,7 +179,7 @@ class Ranks(ShownAsText):
         Parameters
         ----------
         save : path-like, optional
-            File name without ending.
+            File name without extension.
 
         Returns
         -------
@@ -200,7 +200,7 @@ def _how_wrong(places: np.ndarray) -> str:
     shift = (np.mean(places) - 0.5) * np.sqrt(12.0 * len(places))
     spread = (np.mean((places - 0.5) ** 2) - 1.0 / 12.0) * np.sqrt(180.0 * len(places))
     if max(abs(shift), abs(spread)) < TELLING:
-        return "of another shape than they should be"
+        return "of the wrong shape"
     if abs(shift) > abs(spread):
         return "shifted to values that are too small" if shift > 0.0 else "shifted to values that are too large"
     return "too narrow" if spread > 0.0 else "too wide"
@@ -217,27 +217,27 @@ def sbc(
     noise: Discrepancy | None = None,
     progress: Progress | None = None,
 ) -> Ranks:
-    """Simulate measurements with parameters drawn from the prior, and calibrate to each.
+    """Simulate measurements with parameters drawn from the prior, and calibrate to each measurement.
 
-    The replicas are sampled side by side by tempered SMC, one population each. Where the prior of an error variance depends on
+    The replicas are sampled together by tempered SMC, one population each. If the prior of an error variance depends on
     the measurement, all replicas use the prior that the posterior's own measurement gives.
 
     Parameters
     ----------
     posterior : Posterior
-        On any model. Its measurements matter only for the prior above. An expensive solver would be run a million times: instead,
-        fit a surrogate to it over the whole prior, and give the solver as `simulator`.
+        Posterior with any model. Its measurements affect only the prior above. An expensive solver would need a million runs:
+        instead, fit a surrogate to it over the whole prior, and give the solver as `simulator`.
     replicas : int
-        How many.
+        Number of replicas.
     seed : int
         Seed.
     explorer : SMC
-        Particles of a replica, and their moves.
+        Sampler of each replica.
     simulator : Model, optional
-        What simulates the measurements, if not the posterior's own model. Give the model behind a surrogate, to put the
-        surrogate's error to the test too.
+        Model that simulates the measurements; by default the posterior's own model. Give the original model of a surrogate to
+        test the surrogate's error, too.
     noise : Discrepancy, optional
-        The error model added to them, if not the posterior's own. Its parameters must be known.
+        Error model of the simulated measurements; by default the posterior's own. Its parameters must be known.
     progress : callable, optional
         Called with the percentage done and 100.
 
@@ -273,7 +273,7 @@ def sbc(
     drawn_of_all = np.concatenate([theta, likelihood[..., None]], axis=-1)
     truth_of_all = np.column_stack([truth, of_truth])
     ranks = (drawn_of_all[-1] < truth_of_all[:, None, :]).sum(axis=1)
-    # Five of the steps: particles of neighbouring ones say the same.
+    # Five of the steps, since particles of neighbouring steps are nearly the same.
     some = (
         drawn_of_all[:: max(1, explorer.steps // 5)]
         .transpose(1, 0, 2, 3)

@@ -1,1 +1,1 @@
-"""External solvers as models: a Python function, a program, a server; run one at a time in guarded child processes."""
+"""External solvers as models: a Python function, a program, a server. Each run takes place in a guarded child process."""

@@ -25,15 +25,15 @@ class CallableModel(ExternalModel):
     Parameters
     ----------
     function : callable
-        ``function(parameters, record)``: parameters in SI by name, and the `Excitation`; returns the histories as an array
-        (time,) or (time, channel), a dictionary by channel, or a `Histories` of one run. It may raise anything; `SolverError`
-        carries what was done so far. If it has an argument ``seed``, it is given one.
+        ``function(parameters, record)`` with parameters in SI by name, and the `Excitation`. It returns the histories as an
+        array (time,) or (time, channel), a dictionary by channel, or a `Histories` of one run. It may raise any exception;
+        a `SolverError` can contain partial histories. A function with an argument ``seed`` receives a seed.
     free, channels
-        As for `ExternalModel`.
+        See `ExternalModel`.
     time_limit : float, optional
-        Seconds a run may take.
+        Time limit of a run [s].
     isolated, version, units
-        See `ExternalModel`. The code of the function, and of what it uses from its own module, counts in any case.
+        See `ExternalModel`. `version` need not change with the function's code or the code that it uses in its own module.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""An external solver as a model: one run at a time, guarded against crashes and hangs. Every outcome is a row with a status."""
+"""An external solver as a model, with one run at a time and protection against crashes and hangs. Every run gets a status."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from structid.models.external.protocol import Task
 
 
 class ExternalModel(Model):
-    """A model whose runs are done one at a time by a solver outside structid.
+    """A model whose runs are computed one at a time by a solver outside structid.
 
-    A subclass implements one run (`solve`) and the hash of what its results depend on (`content_hash`). This class adds the child
-    process, the time limit and the check of the result.
+    A subclass implements one run (`solve`) and the hash of all data on which its results depend (`content_hash`). This class
+    adds the child process, the time limit and the check of the result.
     """
 
     guarded: ClassVar[bool] = True
@@ -50,15 +50,15 @@ class ExternalModel(Model):
             for name in names:
                 check_name(f"{type(self).__name__}.{what}", name)
         if len(set(self.channels)) < len(self.channels) or not self.channels:
-            raise InputError(f"{type(self).__name__}.channels", f"{list(self.channels)}", "one name or more, each once")
+            raise InputError(f"{type(self).__name__}.channels", f"{list(self.channels)}", "one or more different names")
         if time_limit is not None and not time_limit > 0:
             raise InputError(f"{type(self).__name__}.time_limit", f"{time_limit}", "a positive number of seconds")
         if time_limit is not None and not isolated:
             raise InputError(
                 f"{type(self).__name__}.time_limit",
                 "it is given with isolated=False",
-                "one of the two",
-                "Only a process of its own can be stopped.",
+                "either a time limit or isolated=False",
+                "Remove one of them, since only a child process can be stopped.",
             )
         self.time_limit, self.isolated = time_limit, isolated
         for name in units or {}:
@@ -67,19 +67,19 @@ class ExternalModel(Model):
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """SI unit and display unit of every channel, as declared or as the standard names define them."""
+        """SI unit and display unit of every channel, either declared or defined by its standard name."""
         return {c: self._units.get(c, standard_unit(c)) for c in self.channels}
 
     scratch: Path | None = None
-    """Where runs leave their files, if they leave any."""
+    """Folder for the files of runs, if they write files."""
     keeps_failed: bool = True
     """Whether the files of a failed run are kept."""
     kept: Path | None = None
-    """Where the last run's files are, if they were kept; known only to the process that did the run."""
+    """Folder with the files of the last run, if they were kept; set only in the process of the run."""
 
     @abstractmethod
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run, in the child process."""
+        """Carry out one run, in the child process."""
 
     def run(
         self,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from structid.core.errors import InputError, suggestion
-from structid.core.keys import Seconds, Section
+from structid.core.keys import FileTable, Seconds
 from structid.models.external.callable import CallableModel
 from structid.models.external.function_in_file import FunctionInFile, imported
 from structid.models.external.program import OutputFile, ProgramModel
@@ -16,7 +16,7 @@ from structid.models.hysteretic.hysteretic_parameters import parameter_unit
 from structid.models.model_kind import ModelKind, ModelRequest
 
 
-class OutputSection(Section):
+class OutputTable(FileTable):
     """The file in which a program writes its histories; see `OutputFile`."""
 
     path: str
@@ -31,11 +31,11 @@ _EVERY: dict[str, tuple[Any, Any]] = {
     "time_limit": (Annotated[Seconds, Field(gt=0)], None),
     "version": (str, ""),
 }
-"""Keys that all of them share."""
+"""Keys common to all external solvers."""
 
 
 def _names(asked: ModelRequest) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters of the solver (by default all of the study's), and channels."""
+    """Return the parameters of the solver (by default all parameters of the study) and its channels."""
     available = asked.space.all_names
     free = asked.given.get("parameters") or available
     for name in free:
@@ -53,7 +53,7 @@ def _python(asked: ModelRequest) -> CallableModel:
     path = (asked.folder / asked.given["source"]).resolve()
     if not path.is_file():
         raise InputError(
-            "key 'model.source'", f"there is no file {path}", "a Python file; its path starts at the study's folder"
+            "key 'model.source'", f"there is no file {path}", "a path from the study's folder to a Python file"
         )
     module = imported(path)
     if not callable(getattr(module, name, None)):
@@ -75,7 +75,7 @@ def _program(asked: ModelRequest) -> ProgramModel:
     free, channels = _names(asked)
     columns = output["columns"]
     if channels and set(channels) != set(columns):
-        raise InputError("key 'model.channels'", ", ".join(channels), f"nothing, or {', '.join(columns)}")
+        raise InputError("key 'model.channels'", ", ".join(channels), f"no key, or {', '.join(columns)}")
     return ProgramModel(
         given["command"],
         free,
@@ -120,7 +120,7 @@ PROGRAM = ModelKind(
         **_EVERY,
         "channels": (tuple[str, ...], ()),
         "command": (str, ...),
-        "output": (OutputSection, ...),
+        "output": (OutputTable, ...),
         "templates": (dict[str, str], {}),
         "record_file": (str, None),
         "constants": (dict[str, float | str], {}),

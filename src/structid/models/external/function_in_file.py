@@ -30,7 +30,7 @@ class FunctionInFile:
 
     @property
     def identity(self) -> str:
-        """Hash of the file's code and of files it imports from the same folder; comments and layout do not count."""
+        """Hash of the code of the file, and of files that it imports from the same folder, without comments and layout."""
         folder = self.path.parent
         files = {self.path}
         for module in list(sys.modules.values()):
@@ -43,7 +43,7 @@ class FunctionInFile:
 
 @functools.cache
 def imported(path: Path) -> Any:
-    """Import a file as a module; it may import its neighbours."""
+    """Import a file as a module; the file may import other files in its folder."""
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     specification = importlib.util.spec_from_file_location(f"structid_study_{path.stem}", path)
@@ -56,6 +56,6 @@ def imported(path: Path) -> Any:
         raise InputError(
             "key 'model.source'",
             f"{path.name} cannot be imported: {type(problem).__name__}: {problem}",
-            "a Python file that runs",
+            "a Python file that can be imported",
         ) from problem
     return module

@@ -1,4 +1,4 @@
-"""One guarded run: a crash, a hang and an exception are outcomes like any other."""
+"""One guarded run: a crash, a hang or an exception becomes an outcome of the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from structid.models.external.watchdog import LAST_WORDS, CallDiedError, CallTim
 
 @dataclass(frozen=True)
 class PackedCall:
-    """A model with an excitation, ready to be sent to a worker."""
+    """A model and an excitation, ready to be sent to a worker."""
 
     key: str  # identifies model and excitation
     function: Any  # maps a `Task` to an `Outcome`; pickled for an isolated run
@@ -48,7 +48,7 @@ def packed(model: Solver, excitation: Excitation) -> PackedCall:
                 f"{type(model).__name__}",
                 f"it cannot be sent to another process ({cause})",
                 "a function that can be pickled",
-                "Open files, sockets and engines inside the function, or give isolated=False.",
+                "Open files, sockets and engines inside the function, or use isolated=False.",
             ) from None
     key = digest(model.content_hash, excitation.content_hash, function if isinstance(function, bytes) else "")
     shape = (len(excitation), len(model.channels))
@@ -60,7 +60,7 @@ _guards = threading.local()
 
 
 def guard_of_this_thread() -> Watchdog:
-    """Return the watchdog that does this thread's runs."""
+    """Return the watchdog for the runs of this thread."""
     guard: Watchdog | None = getattr(_guards, "watchdog", None)
     if guard is None or _guards.process != os.getpid():  # a forked worker must not share its parent's child
         guard = _guards.watchdog = Watchdog()
@@ -69,7 +69,7 @@ def guard_of_this_thread() -> Watchdog:
 
 
 def attempt(call: PackedCall, task: Task) -> Outcome:
-    """Do one guarded run; every executor calls this."""
+    """Carry out one guarded run; every executor calls this function."""
     if not isinstance(call.function, bytes):
         here: Outcome = call.function(task)
         return here
@@ -86,7 +86,7 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
         return Outcome(nothing, Status.TIMED_OUT, reason, 0.0, call.time_limit or 0.0)
     except CallDiedError as death:
         return Outcome(nothing, Status.FAILED, f"{death}{kept}", 0.0, time.perf_counter() - began)
-    except Exception as problem:  # what it returned could not be pickled
+    except Exception as problem:  # the returned value could not be pickled
         return Outcome(nothing, Status.FAILED, f"{type(problem).__name__}: {problem}", 0.0, time.perf_counter() - began)
     if outcome.status == Status.FAILED:
         outcome = replace(outcome, reason=with_words(outcome.reason, guard.last_words()))
@@ -94,7 +94,7 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
 
 
 def _left_behind(call: PackedCall, task: Task) -> str:
-    """Output of a program before it was stopped, read from its scratch folder."""
+    """Return the output of a program before it was stopped, read from its scratch folder."""
     for folder in Path(call.scratch).glob(f"{task.name}-{task.attempt}-*") if call.scratch else ():
         words = (folder / STANDARD_OUTPUT).read_bytes()[-LAST_WORDS:] if (folder / STANDARD_OUTPUT).is_file() else b""
         if not call.keeps:

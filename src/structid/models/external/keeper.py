@@ -1,11 +1,11 @@
-"""The keeper process that a `Watchdog` starts: it does slow imports once and forks the runner that does the calls.
+"""The keeper process that a `Watchdog` starts. It imports slow modules once and forks the runner process for the calls.
 
     owner ── socket ── keeper ── socket ── runner ── whatever the solver starts
       └───────────────lifeline──┴────────────┘
 
-A runner that hangs is killed with everything it has started, and one that crashes is waited for. The next is forked in
-milliseconds, while starting Python anew takes a second. When the owner dies, for whatever reason, keeper and runner see the
-lifeline close and kill their process groups.
+If a runner hangs, the keeper kills it and all processes it has started. If a runner crashes, the keeper collects its exit code.
+It then forks the next runner in milliseconds; a new Python process would take a second. When the owner ends for any reason, the
+lifeline closes, and keeper and runner kill their process groups.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 ANSWERED, TIMED_OUT, DIED, NOT_LOADED = b"A", b"T", b"D", b"L"
-"""How a call ended: first byte of the keeper's reply."""
+"""First byte of the keeper's reply, which indicates how a call ended."""
 
 START_LIMIT = 120.0
-"""Time limit for loading a function with its imports [s]; not part of the time limit of a call."""
+"""Time limit for loading a function with its imports [s]; it does not count towards the time limit of a call."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class _Runner:
     def ended(self) -> str:
         """Describe how a runner that closed its channel ended, and kill the processes it left behind."""
         status = 0
-        for _ in range(100):  # it is ending; in a moment its exit code is known
+        for _ in range(100):  # the runner is ending; its exit code is available shortly
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
                 self._kill_group()
@@ -60,7 +60,7 @@ class _Runner:
 
 
 class Keeper:
-    """The loop between the owner and the runner."""
+    """The loop that passes calls from the owner to the runner."""
 
     def __init__(self, channel: Connection, lifeline: int) -> None:
         self._channel, self._lifeline = channel, lifeline
@@ -68,7 +68,7 @@ class Keeper:
         self._runner: _Runner | None = None
 
     def serve(self) -> None:
-        """Do calls until the owner closes the channel."""
+        """Process calls until the owner closes the channel."""
         with contextlib.suppress(EOFError):
             while True:
                 key, function, arguments, time_limit = pickle.loads(self._channel.recv_bytes())
@@ -106,7 +106,7 @@ class Keeper:
         if pid == 0:
             parent_end.close()
             self._channel.close()
-            os.setpgid(0, 0)  # a group of its own, to be killed whole and without the keeper
+            os.setpgid(0, 0)  # a separate group, so that it can be killed as a whole without the keeper
             threading.Thread(target=die_with_the_owner, args=(self._lifeline,), daemon=True).start()
             code = 1
             try:
@@ -130,7 +130,7 @@ def _asked(channel: Connection, request: tuple[Any, ...], time_limit: float | No
 
 
 def _run(channel: Connection) -> None:
-    """Life of the runner: load functions and call them."""
+    """Main loop of the runner: load functions and call them."""
     functions: dict[str, Any] = {}
     voice = os.dup(1)
     while True:
@@ -153,7 +153,7 @@ def _run(channel: Connection) -> None:
 
 
 def _listen_again(voice: int) -> None:
-    """Empty the output file and redirect output to it, which the last call may have closed or redirected."""
+    """Empty the output file and redirect output to it, since the last call may have closed or redirected the output."""
     os.ftruncate(voice, 0)
     os.lseek(voice, 0, os.SEEK_SET)
     for number, name in ((1, "stdout"), (2, "stderr")):
@@ -188,7 +188,7 @@ def die_with_the_owner(lifeline: int) -> None:
 
 
 def ended_by(code: int) -> str:
-    """Describe how a process ended."""
+    """Describe how a process ended, from its exit code."""
     if code >= 0:
         return f"exit code {code}"
     with contextlib.suppress(ValueError):
@@ -197,10 +197,10 @@ def ended_by(code: int) -> str:
 
 
 def main() -> None:
-    """Run as a keeper, given the file descriptors of socket and lifeline, and a module to import first."""
+    """Run as a keeper. The arguments are the file descriptors of socket and lifeline, and a module to import first."""
     channel, lifeline = (int(word) for word in sys.argv[1:3])
     threading.Thread(target=die_with_the_owner, args=(lifeline,), daemon=True).start()
     if sys.argv[3]:
-        # What takes a second is imported here, once. Every runner inherits it.
+        # The module takes a second to import. It is imported once here, and every runner inherits it.
         importlib.import_module(sys.argv[3])
     Keeper(Connection(channel), lifeline).serve()

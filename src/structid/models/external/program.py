@@ -1,4 +1,4 @@
-"""Any program as a model: a command line, input files from templates, histories from its output file."""
+"""A program as a model: a command line, input files from templates, and histories from its output file."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ from structid.models.external.watchdog import LAST_WORDS
 @check_arguments
 @dataclass(frozen=True)
 class OutputFile:
-    """Where a program leaves its histories.
+    """The file in which a program writes its histories.
 
     Parameters
     ----------
     file : str
-        Name in the scratch folder. ``.h5``, ``.hdf5`` and ``.nc`` are HDF5; anything else is columns of text.
+        Name in the scratch folder. ``.h5``, ``.hdf5`` and ``.nc`` mean HDF5; any other extension means text columns.
     columns : mapping of str to int or str
-        For each channel: its column, counted from 0, or its name in the file's header. In HDF5, the path of its dataset.
+        For each channel: the column, counted from 0, or its name in the file's header. In HDF5: the path of the dataset.
     units : mapping of str to str
-        Units of the columns; SI where none is given.
+        Units of the columns; SI by default.
     time : int or str, optional
-        Column of the times [s]. With it, the histories are interpolated linearly to the record's samples. Without it, there must
-        be a row for every sample.
+        Column of the times [s]. With this column, the histories are interpolated linearly to the record's samples. Without it,
+        the file must have a row for every sample.
 
     Examples
     --------
@@ -71,43 +71,43 @@ class OutputFile:
 
 @check_arguments
 class ProgramModel(ExternalModel):
-    """A program as a model: each run is done in a scratch folder of its own.
+    """A program as a model; each run takes place in its own scratch folder.
 
-    Command and templates are jinja2 templates. They know every parameter by name (in SI; ``{{ stiffness | unit("kN/mm") }}`` gives
-    another unit), every constant, ``record`` (``name``, ``dt``, ``samples``, ``values`` in SI), ``folder`` (where the model's own
-    files are), ``cores`` (1) and ``seed``. A name they do not know is an error.
+    Command and templates are jinja2 templates. Available names are every parameter (in SI; ``{{ stiffness | unit("kN/mm") }}``
+    gives another unit), every constant, ``record`` (``name``, ``dt``, ``samples``, ``values`` in SI), ``folder`` (with the
+    model's files), ``cores`` (1) and ``seed``. Any other name is an error.
 
     Parameters
     ----------
     command : str or sequence of str
-        The program and its arguments; run in the scratch folder, without a shell.
+        The program and its arguments. The command runs in the scratch folder, without a shell.
     free : sequence of str
         Names of the parameters.
     output : OutputFile
-        Where the histories are.
+        Output file with the histories.
     templates : mapping of str to path-like
-        Input files to make: name in the scratch folder, and the template.
+        Input files to create: their names in the scratch folder, and their templates.
     record_file : str, optional
-        A file to write the record to: one value a line, in SI.
+        Name of a file for the record, with one value per line in SI.
     constants : mapping, optional
-        Further names for the templates.
+        Additional names for the templates.
     copies : sequence of path-like
         Files to copy into the scratch folder unchanged.
     folder : path-like
-        Where relative paths start.
+        Folder at which relative paths start.
     scratch : path-like, optional
-        Where scratch folders are made; the system's temporary folder when left out.
+        Folder for the scratch folders; by default the system's temporary folder.
     keep : {"failed", "all", "none"}
-        Which scratch folders are kept.
+        Scratch folders to keep.
     environment : mapping of str to str, optional
-        Further environment variables.
+        Additional environment variables.
     time_limit : float, optional
-        Seconds a run may take.
+        Time limit of a run [s].
     version : str
-        See `ExternalModel`. Use it for a program that is not in `folder`, since its content is not seen.
+        See `ExternalModel`. Set it for a program outside `folder`, since the hash does not include its content.
     structure_failed_exit_code : int, optional
-        Exit code with which the program says that the structure failed; see `StructureFailedError`. Any other one but 0 is a
-        failed run.
+        Exit code by which the program reports that the structure failed; see `StructureFailedError`. Any other nonzero exit
+        code means a failed run.
 
     Examples
     --------
@@ -138,7 +138,7 @@ class ProgramModel(ExternalModel):
     ) -> None:
         super().__init__(free, tuple(output.columns), time_limit, version=version, units=output.units)
         if structure_failed_exit_code == 0:
-            raise InputError("ProgramModel.structure_failed_exit_code", "0", "the exit code of no finished run")
+            raise InputError("ProgramModel.structure_failed_exit_code", "0", "a nonzero exit code")
         self.structure_failed_exit_code = structure_failed_exit_code
         if keep not in ("failed", "all", "none"):
             raise InputError("ProgramModel.keep", f"'{keep}'", "'failed', 'all' or 'none'")
@@ -165,8 +165,8 @@ class ProgramModel(ExternalModel):
             raise InputError(
                 f"{result}",
                 "there is no such file",
-                "a file beside the study",
-                "Correct the path; it starts at the study's folder.",
+                "a file in the study's folder",
+                "Correct the path, which is relative to the study's folder.",
             )
         return result
 
@@ -174,7 +174,7 @@ class ProgramModel(ExternalModel):
         return self._existing(path).read_text(encoding="utf-8")
 
     def _check_templates(self) -> None:
-        """Render everything once with all parameters equal to one, so that misspelt names are found immediately."""
+        """Render all templates once with all parameters equal to one, to find misspelt names immediately."""
         names = self._sample_names()
         where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
@@ -242,7 +242,7 @@ class ProgramModel(ExternalModel):
             target.write_text(_rendered(text, names), encoding="utf-8")
         if self.record_file is not None:
             np.savetxt(scratch / self.record_file, excitation.values, fmt="%.17g")
-        # Split first: a folder's name may hold spaces.
+        # Split the command first, because a folder's name may contain spaces.
         command = [_rendered(word, names) for word in split_command(self.command)]
         output = scratch / STANDARD_OUTPUT
         try:
@@ -267,14 +267,14 @@ class ProgramModel(ExternalModel):
         return read_output(scratch, self.output, excitation)
 
     def _what_there_is(self, scratch: Path, excitation: Excitation) -> np.ndarray | None:
-        """Partial histories of a program that failed: kept, but never used as a result."""
+        """Return partial histories of a program that failed; they are kept, but never used as a result."""
         try:
             return read_output(scratch, self.output, excitation)
         except SolverError:
             return None
 
     def _names(self, task: Task, excitation: Excitation) -> dict[str, Any]:
-        """Names available in command and templates."""
+        """Return the names available in command and templates."""
         record = {
             "name": excitation.name,
             "dt": excitation.dt,
@@ -285,7 +285,7 @@ class ProgramModel(ExternalModel):
         return {**self.constants, **task.parameters, **builtins}
 
     def _sample_names(self) -> dict[str, Any]:
-        """The same names with all parameters equal to one, for checks."""
+        """Return the names for templates with all parameters equal to one, for checks."""
         return self._names(Task(dict.fromkeys(self.free, 1.0), "check", 0), Excitation(np.zeros(2), 0.01, "check"))
 
     def __repr__(self) -> str:
@@ -293,7 +293,7 @@ class ProgramModel(ExternalModel):
 
 
 def split_command(command: str) -> list[str]:
-    """Split a command line into words like a shell; text between double braces stays in one piece."""
+    """Split a command line into words like a shell, but keep text between double braces in one piece."""
     pieces: list[str] = []
 
     def put_aside(found: re.Match[str]) -> str:
@@ -308,7 +308,7 @@ def split_command(command: str) -> list[str]:
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, keep_trailing_newline=True, autoescape=False)
     environment.filters["unit"] = lambda value, unit: value / factor(unit)
-    # Seventeen digits: a parameter reaches the program to the last bit.
+    # With seventeen digits, the program receives a parameter exactly, to the last bit.
     environment.finalize = lambda value: f"{value:.17g}" if isinstance(value, float) else value
     return environment
 
@@ -322,7 +322,7 @@ def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Fl
     path = scratch / output.file
     if not path.is_file():
         there = ", ".join(sorted(p.name for p in scratch.iterdir())) or "nothing"
-        raise SolverError(f"it wrote no '{output.file}'; its folder holds {there}")
+        raise SolverError(f"it wrote no '{output.file}'; its folder contains {there}")
     reader = _read_hdf5 if path.suffix in (".h5", ".hdf5", ".nc") else _read_text
     columns_to_read = [*output.columns.values(), *([] if output.time is None else [output.time])]
     columns = reader(path, columns_to_read)
@@ -348,16 +348,16 @@ def _read_text(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
             rows.append([_number(w) for w in words])
         except ValueError:
             if rows:
-                raise SolverError(f"line {number} of '{path.name}' is no row of numbers: {line[:80]!r}", None) from None
+                raise SolverError(f"line {number} of '{path.name}' is not numeric: {line[:80]!r}", None) from None
             header = words
     if not rows:
-        raise SolverError(f"'{path.name}' holds no numbers")
-    # A row cut short by the end of the program is dropped; any other row of another length is an error.
+        raise SolverError(f"'{path.name}' contains no numbers")
+    # An incomplete last row is dropped; any other row with a different length is an error.
     if len(rows) > 1 and len(rows[-1]) < len(rows[0]):
         rows.pop()
     odd = next((i for i, row in enumerate(rows) if len(row) != len(rows[0])), None)
     if odd is not None:
-        raise SolverError(f"row {odd + 1} of '{path.name}' has {len(rows[odd])} columns, the first has {len(rows[0])}")
+        raise SolverError(f"row {odd + 1} of '{path.name}' has {len(rows[odd])} columns, not {len(rows[0])}")
     table = np.array(rows)
     return [table[:, _column(key, header, table.shape[1], path.name)] for key in wanted]
 
@@ -372,10 +372,10 @@ def _number(word: str) -> float:
 def _column(key: int | str, header: list[str], width: int, name: str) -> int:
     if isinstance(key, str):
         if key not in header:
-            raise SolverError(f"'{name}' has no column '{key}'; its header says {', '.join(header) or 'nothing'}")
+            raise SolverError(f"'{name}' has no column '{key}'; its header has {', '.join(header) or 'no names'}")
         return header.index(key)
     if not -width <= key < width:
-        raise SolverError(f"'{name}' has {width} columns; column {key} was asked for, counted from 0")
+        raise SolverError(f"'{name}' has {width} columns, so there is no column {key} (counted from 0)")
     return key
 
 
@@ -386,7 +386,7 @@ def _read_hdf5(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
         with h5py.File(path, "r") as file:
             missing = [k for k in wanted if k not in file]
             if missing:
-                raise SolverError(f"'{path.name}' has no dataset '{missing[0]}'; it holds {', '.join(file)}")
+                raise SolverError(f"'{path.name}' has no dataset '{missing[0]}'; it contains {', '.join(file)}")
             columns = [np.asarray(file[key], dtype=np.float64).ravel() for key in wanted]
     except OSError as problem:
         raise SolverError(f"'{path.name}' cannot be opened as HDF5: {problem}") from None
@@ -396,11 +396,11 @@ def _read_hdf5(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
 
 
 def _at_samples(times: np.ndarray, values: np.ndarray, excitation: Excitation, name: str) -> np.ndarray:
-    """Interpolate histories from the program's own times to the record's samples; rows end where its times do."""
+    """Interpolate histories from the program's times to the record's samples; the rows end with the program's times."""
     if not (np.diff(times) > 0).all():
-        raise SolverError(f"the times in '{name}' do not rise")
+        raise SolverError(f"the times in '{name}' do not increase")
     tolerance = 1e-6 * excitation.dt
     reached = excitation.time[excitation.time <= times[-1] + tolerance]
     if times[0] > tolerance:
-        raise SolverError(f"the times in '{name}' begin at {times[0]:g} s, the record at 0")
+        raise SolverError(f"the times in '{name}' begin at {times[0]:g} s, but the record begins at 0")
     return np.column_stack([np.interp(reached, times, column) for column in values.T])

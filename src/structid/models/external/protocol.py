@@ -1,4 +1,4 @@
-"""Interface between models and external solvers: the task, the outcome, the errors."""
+"""Interface between models and external solvers: task, outcome and errors."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ STANDARD_OUTPUT = "output.txt"
 
 @dataclass(frozen=True)
 class Task:
-    """One run to be done."""
+    """One run to be carried out."""
 
-    parameters: dict[str, float]  # in SI, by name
-    name: str  # name of its scratch folder
-    seed: int  # seed of a stochastic solver; the same for the same run on any executor
+    parameters: dict[str, float]  # values in SI, by name
+    name: str  # name of the scratch folder
+    seed: int  # seed of a stochastic solver; for a given run it is equal on all executors
     attempt: int = 1  # number of this attempt
 
 
@@ -30,22 +30,22 @@ class Task:
 class Outcome:
     """Outcome of one run."""
 
-    values: Float[np.ndarray, "time channel"]  # results in SI; NaN where there are none
-    status: Status = Status.DONE  # how it ended
-    reason: str = ""  # why, unless it reached its end
+    values: Float[np.ndarray, "time channel"]  # results in SI; NaN for missing results
+    status: Status = Status.DONE  # how the run ended
+    reason: str = ""  # reason of failure; empty for a completed run
     failure_time: float = float("nan")  # time from which there is no response [s]; NaN for a completed run
-    seconds: float = 0.0  # wall time
+    seconds: float = 0.0  # wall time [s]
 
 
 class SolverError(Exception):
-    """A solver could not do its work. A solver that notices this raises it, with what it has so far.
+    """Error that a solver raises if it cannot complete a run; it can contain the results so far.
 
     Parameters
     ----------
     reason : str
-        What went wrong, in words.
+        Description of the failure.
     values : array-like, optional
-        What it produced before, shape (time,) or (time, channel).
+        Results before the failure, shape (time,) or (time, channel).
 
     Examples
     --------
@@ -62,17 +62,17 @@ class SolverError(Exception):
 
 
 class StructureFailedError(SolverError):
-    """The structure failed: it collapsed, or passed a limit beyond which it is lost.
+    """Error that a solver raises if the structure failed: it collapsed, or exceeded a failure limit.
 
-    Raised by a solver that did its work. The run is data, and is not tried again. A run that failed, by contrast, says nothing
+    The solver has worked correctly, so the run is data and is not repeated. A failed run, by contrast, contains no information
     about the structure.
 
     Parameters
     ----------
     reason : str
-        How it failed, in words, such as ``"drift beyond 5 %"``.
+        Description of the structural failure, such as ``"drift beyond 5 %"``.
     values : array-like, optional
-        The response until then, shape (time,) or (time, channel).
+        The response until the failure, shape (time,) or (time, channel).
 
     Examples
     --------
@@ -86,19 +86,19 @@ class StructureFailedError(SolverError):
 
 
 class Solver(Protocol):
-    """An external solver from the guard's viewpoint: one run at a time, from parameters and excitation."""
+    """Interface of an external solver for the guard: one run at a time, from parameters and excitation."""
 
     channels: tuple[str, ...]  # channels that a run returns
     time_limit: float | None  # time limit of a run [s]
-    isolated: bool  # whether a run happens in a child process
+    isolated: bool  # whether a run takes place in a child process
     scratch: Path | None  # folder for files of runs, if there are any
     keeps_failed: bool  # whether the files of a failed run are kept
-    kept: Path | None  # folder of the last run's files, if kept; known only to the process that did the run
-    preloaded: str  # module that a child process imports before the first run, so that a new one starts in milliseconds
+    kept: Path | None  # folder of the last run's files, if kept; set only in the process of the run
+    preloaded: str  # module imported before the first run, so that new child processes start in milliseconds
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on besides parameters and excitation."""
+        """Hash of all data on which a response depends, except parameters and excitation."""
 
     def solve(self, task: Task, excitation: Excitation) -> Any:
-        """Do one run, in the child process."""
+        """Carry out one run, in the child process."""

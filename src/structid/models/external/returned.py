@@ -15,18 +15,18 @@ from structid.models.external.protocol import Outcome
 
 
 def check_result(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
-    """Check the result of a solver: shape, length, finite numbers."""
+    """Check the shape, the length and the finiteness of a solver's result."""
     samples = len(excitation)
     expected = f"{samples} rows of {', '.join(channels)}"
     nothing = np.full((samples, len(channels)), np.nan)
     if result is None:
-        return Outcome(nothing, Status.FAILED, f"it returned nothing; wanted {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"it returned nothing; expected {expected}", 0.0)
     try:
         columns = _columns(result, channels)
     except (ValueError, TypeError, KeyError) as problem:
-        return Outcome(nothing, Status.FAILED, f"{problem}; wanted {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"{problem}; expected {expected}", 0.0)
     if len(columns) == 0:
-        return Outcome(nothing, Status.FAILED, f"it returned no rows; wanted {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"it returned no rows; expected {expected}", 0.0)
     values = nothing
     values[: len(columns)] = columns[:samples]
     finite = np.isfinite(values[: len(columns)]).all(axis=1)
@@ -37,7 +37,7 @@ def check_result(result: Any, excitation: Excitation, channels: tuple[str, ...])
         return Outcome(values, Status.DIVERGED, f"not finite from {t:g} s on", t)
     if len(columns) != samples:
         end = min(len(columns), samples - 1) * excitation.dt
-        return Outcome(values, Status.FAILED, f"it returned {len(columns)} rows; wanted {expected}", end)
+        return Outcome(values, Status.FAILED, f"it returned {len(columns)} rows; expected {expected}", end)
     return Outcome(values)
 
 
@@ -74,7 +74,7 @@ def _columns(result: Any, channels: tuple[str, ...]) -> np.ndarray:
 
 
 def _real(what: str, value: Any) -> np.ndarray:
-    """Numbers of a result; raises a `ValueError` that describes anything else."""
+    """Return the numbers of a result; a `ValueError` describes any other content."""
     try:
         return real_array(what, value)
     except InputError as problem:

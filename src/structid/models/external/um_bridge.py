@@ -1,7 +1,7 @@
-"""UM-Bridge: a model served over HTTP as a structid model, and structid models served to clients of the protocol.
+"""UM-Bridge: models of an HTTP server as structid models, and structid models served to clients of the protocol.
 
-The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) treats models as maps from lists of vectors to lists of vectors.
-Here the first input vector holds the parameters in SI, and there is one output vector for each channel, the history in SI.
+In the protocol (Seelinger et al. 2023, doi 10.21105/joss.04748), models are maps from lists of vectors to lists of vectors.
+Here the first input vector contains the parameters in SI, and each channel has one output vector with its history in SI.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from structid.models.external.protocol import SolverError, Task
 from structid.models.traceable import as_traceable
 
 NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
-"""Spellings of NaN and the infinities, which JSON lacks."""
+"""Spellings of NaN and infinity, which JSON lacks."""
 FIRST_WORDS = 160
-"""Characters shown of a reply that is not a valid answer."""
+"""Number of characters shown from an invalid reply."""
 
 
 @check_arguments
@@ -41,19 +41,19 @@ class UMBridgeModel(ExternalModel):
     url : str
         Address of the server, ``"http://localhost:4242"``.
     free : sequence of str
-        Names of the parameters, in the order of the server's inputs, one after another.
+        Names of the parameters, in the order of the server's input vectors.
     channels : sequence of str
         Names of the server's output vectors.
     name : str
-        Which of the server's models.
+        Name of the model on the server.
     config : mapping, optional
-        Settings passed on with every run.
+        Settings sent to the server with every run.
     send_record : bool
-        Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that accepts any record.
+        Send the record in the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that accepts any record.
     time_limit : float, optional
-        Seconds a run may take.
+        Time limit of a run [s].
     version : str
-        See `ExternalModel`. Change it when what the server does changes.
+        See `ExternalModel`. Change it whenever the computation on the server changes.
     units : mapping of str to str, optional
         See `ExternalModel`.
 
@@ -79,7 +79,7 @@ class UMBridgeModel(ExternalModel):
         self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
 
     def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
-        """Ask the server; see `ExternalModel.solve`."""
+        """Request a run from the server; see `ExternalModel.solve`."""
         config = dict(self.config)
         if self.send_record:
             config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
@@ -87,17 +87,17 @@ class UMBridgeModel(ExternalModel):
         request = {"name": self.name, "config": config}
         sizes = _answer(self.url, "InputSizes", request, "inputSizes")
         if sum(sizes) != len(self.free):
-            raise SolverError(f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters")
+            raise SolverError(f"the server's model takes {sum(sizes)} numbers, not {len(self.free)} parameters")
         values = iter(task.parameters.values())
         inputs = [[next(values) for _ in range(size)] for size in sizes]
         outputs = _answer(self.url, "Evaluate", {**request, "input": inputs}, "output")
         if len(outputs) != len(self.channels):
-            raise SolverError(f"the server returned {len(outputs)} vectors for the channels {', '.join(self.channels)}")
+            raise SolverError(f"the server returned {len(outputs)} vectors; expected {', '.join(self.channels)}")
         return dict(zip(self.channels, outputs, strict=True))
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of address, name, configuration and names. Changes on the server cannot be detected."""
+        """Hash of address, name, configuration and parameter names. Changes on the server cannot be detected."""
         return digest(
             "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
         )
@@ -108,24 +108,24 @@ class UMBridgeModel(ExternalModel):
 
 @functools.cache
 def _check_name(url: str, name: str) -> None:
-    """Refuse a model that the server does not offer; checked once per process."""
+    """Refuse a model that the server does not offer; this is checked once per process."""
     offered = _answer(url, "Info", None, "models")
     if name not in offered:
         raise SolverError(f"the server at {url} has no model '{name}'; it offers {', '.join(map(str, offered))}")
 
 
 def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -> Any:
-    """Send a request to a server. If its reply is an error, report its status and first words."""
+    """Send a request to a server. If the reply is an error, report its status and first words."""
     try:
         import requests
     except ImportError:
-        raise SolverError("UM-Bridge is not installed here: pip install 'structid[umbridge]'") from None
+        raise SolverError("UM-Bridge is not installed; install it: pip install 'structid[umbridge]'") from None
     try:
         to = f"{url}/{what}"
         response = requests.get(to) if question is None else requests.post(to, json=question)
     except requests.RequestException as problem:
         raise SolverError(f"the server at {url} did not answer: {type(problem).__name__}: {problem}") from None
-    # A run that diverged is written in many ways, most of which are no JSON: Python's reader knows NaN.
+    # Servers write diverged runs in many ways, most of which are not valid JSON. Python's reader accepts NaN.
     text = NOT_A_NUMBER.sub("NaN", response.text)
     try:
         answer = json.loads(text)
@@ -137,18 +137,18 @@ def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -
         raise SolverError(f"the server at {url} answered with an error: {description}")
     if response.status_code >= 400 or not isinstance(answer, dict) or key not in answer:
         words = " ".join(re.sub(r"<[^>]*>", " ", response.text).split())[:FIRST_WORDS] or "nothing"
-        raise SolverError(f"the server at {url} answered to {what} with HTTP status {response.status_code}: {words}")
+        raise SolverError(f"the server at {url} answered {what} with HTTP status {response.status_code}: {words}")
     return answer[key]
 
 
 class Served:
-    """What ``umbridge.serve_models`` requires of a model besides its values."""
+    """Methods that ``umbridge.serve_models`` requires of a model in addition to its values."""
 
     def __init__(self, name: str, differentiable: bool) -> None:
         self.name, self._differentiable = name, differentiable
 
     def supports_evaluate(self) -> bool:
-        """Whether it can be evaluated."""
+        """Whether the model can be evaluated."""
         return True
 
     def supports_gradient(self) -> bool:
@@ -156,11 +156,11 @@ class Served:
         return self._differentiable
 
     def supports_apply_jacobian(self) -> bool:
-        """Whether its output has directional derivatives."""
+        """Whether the output has directional derivatives."""
         return self._differentiable
 
     def supports_apply_hessian(self) -> bool:
-        """Whether there are second derivatives."""
+        """Whether the output has second derivatives."""
         return False
 
 
@@ -172,18 +172,18 @@ class ServedModel(Served):
         self.model, self.excitation = model, excitation
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the input vectors: one, the free parameters in SI."""
+        """Return the lengths of the input vectors: one vector with the free parameters in SI."""
         return [len(self.model.free)]
 
     def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
-        """Lengths of the output vectors: one for each channel."""
+        """Return the lengths of the output vectors, one vector for each channel."""
         return [len(self._driven_by(config))] * len(self.model.channels)
 
     def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
         """Run the model once.
 
-        A failed run returns its results up to the failure: the vectors are then too short, which the protocol reports as an error
-        with both lengths. The protocol cannot transmit "not a number".
+        A failed run returns its results up to the failure, because the protocol cannot transmit NaN. The vectors are then too
+        short, and the protocol reports an error with both lengths.
         """
         excitation = self._driven_by(config)
         values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
@@ -194,7 +194,7 @@ class ServedModel(Served):
     def apply_jacobian(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Derivative of one channel in a direction of parameter space."""
+        """Compute the derivative of one channel in a direction of parameter space."""
         import jax
 
         channel = self._channel(out_wrt, config)
@@ -204,14 +204,14 @@ class ServedModel(Served):
     def gradient(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Gradient of a linear function of one channel."""
+        """Compute the gradient of a linear function of one channel."""
         import jax
 
         _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
         return [float(value) for value in pull_back(np.array(sens, dtype=float))[0]]
 
     def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
-        """One channel's history as a function of the parameters, inside JAX."""
+        """Return the history of one channel as a function of the parameters, inside JAX."""
         model = as_traceable(self.model, f"derivatives of {self.name}")
         record = self._driven_by(config)
         model.check_excitation(record)
@@ -235,8 +235,8 @@ def check_address(host: str, port: int) -> None:
     except (OSError, UnicodeError, OverflowError) as cause:
         raise InputError(
             "structid serve",
-            f"the address {host}:{port}, at which it cannot listen ({cause})",
-            "an address of this machine, such as 127.0.0.1, and a port from 1 to 65535 that nobody else uses",
+            f"it cannot listen at the address {host}:{port} ({cause})",
+            "an address of this machine, such as 127.0.0.1, and an unused port from 1 to 65535",
         ) from None
 
 
@@ -253,10 +253,10 @@ def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.
     except ImportError:
         raise InputError(
             "structid serve",
-            "UM-Bridge is not installed here",
+            "UM-Bridge is not installed",
             "the extra 'umbridge'",
-            "pip install 'structid[umbridge]'.",
+            "Run: pip install 'structid[umbridge]'.",
         ) from None
-    # umbridge listens on every interface, and has no word for another address: the server that it starts is given one.
+    # umbridge listens on every interface and has no option for the address. Therefore its HTTP server receives the address here.
     with patch.object(web, "run_app", functools.partial(web.run_app, host=host)):
         umbridge.serve_models(list(models), port)

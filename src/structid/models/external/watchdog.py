@@ -1,8 +1,8 @@
-"""The owner's side of a guarded call: a keeper process does it, so that no crash or hang harms the owner.
+"""The owner's side of a guarded call. A keeper process carries out the call, so that no crash or hang harms the owner.
 
-No executor can kill a hung task, and a crashing solver takes its process with it. Whatever runs a solver (a thread of this
-program or a worker of a cluster) therefore owns a keeper (`models/external/keeper.py`): a fresh process that inherits nothing and
-has one BLAS or XLA thread.
+No executor can kill a hung task, and a crash of a solver ends its process. Every owner of solver runs (a thread of this program or
+a worker of a cluster) therefore has a keeper (`models/external/keeper.py`). The keeper is a fresh process that inherits nothing
+and has one BLAS or XLA thread.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from structid.core.reasons import with_words
 from structid.models.external.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
 
 LAST_WORDS = 2000
-"""Characters kept of a failed call's output."""
+"""Number of characters kept from the output of a failed call."""
 
 _ONE_THREAD = {
     **dict.fromkeys(
@@ -40,19 +40,19 @@ _ONE_THREAD = {
 
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.models.external.keeper import main; main()"
-"""Code that gives the keeper the owner's import path. PYTHONPATH would be inherited by programs that a solver starts."""
+"""Code that passes the owner's import path to the keeper. Programs that a solver starts would inherit PYTHONPATH."""
 
 
 class CallTimeoutError(Exception):
-    """The call exceeded its time limit; its process has been killed."""
+    """Error of a call that exceeded its time limit; its process has been killed."""
 
 
 class NotLoadedError(Exception):
-    """The function could not be loaded in the child process, so that no run is possible."""
+    """Error of a function that cannot be loaded in the child process, so that no run is possible."""
 
 
 class CallDiedError(Exception):
-    """The call ended its process, by a signal or on its own."""
+    """Error of a call whose process ended, by a signal or by itself."""
 
 
 @dataclass
@@ -68,12 +68,12 @@ class _Kept:
     lock: Any = field(default_factory=threading.Lock)
 
     def cut(self) -> None:
-        """Close the lifeline: keeper and runner kill themselves and all they have started."""
+        """Close the lifeline, so that keeper and runner kill themselves and all processes they have started."""
         with self.lock:
             lifeline, self.lifeline = self.lifeline, None
         if lifeline is not None:
             os.close(lifeline)
-        if os.getpid() != self.owner:  # a fork of the owner has copies of the ends, and no right to kill
+        if os.getpid() != self.owner:  # a fork of the owner has copies of the ends, but must not kill the keeper
             return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
@@ -87,7 +87,7 @@ class _Kept:
 
 
 class Watchdog:
-    """Owner of one keeper, which starts with the first call."""
+    """Owner of one keeper, which starts at the first call."""
 
     def __init__(self) -> None:
         self._kept: _Kept | None = None
@@ -99,14 +99,14 @@ class Watchdog:
     ) -> Any:
         """Run a function in the child process."""
         kept = self._kept or self._start(preloaded)
-        if self._killed:  # while it was being started
+        if self._killed:  # killed while the keeper was starting
             self.close()
             raise CallDiedError("it was stopped before it began")
         request = (key, None if key in kept.known else function, pickle.dumps(arguments, protocol=5), time_limit)
         try:
             kept.channel.send_bytes(pickle.dumps(request, protocol=5))
             kept.known.add(key)
-            # The keeper watches the time; should it hang itself, this does.
+            # The keeper monitors the time. This limit applies if the keeper itself hangs.
             if not kept.channel.poll(None if time_limit is None else time_limit + 2 * START_LIMIT):
                 raise EOFError
             answer = kept.channel.recv_bytes()
@@ -115,7 +115,7 @@ class Watchdog:
             self.close()
             raise CallDiedError(with_words("its keeper was killed", words)) from cause
         except KeyboardInterrupt:
-            self.close()  # the answer to this call must not be taken for that of the next
+            self.close()  # the answer to this call must not be mistaken for the answer to the next call
             raise
         if answer[:1] == ANSWERED:
             good, result = pickle.loads(answer[1:])
@@ -130,13 +130,13 @@ class Watchdog:
         return "" if self._kept is None else _tail(self._kept.voice)
 
     def kill(self) -> None:
-        """Kill everything from another thread, for good; a thread waiting in `call` gets an error."""
+        """Kill all processes permanently, from another thread; a thread waiting in `call` gets an error."""
         self._killed = True
         if self._kept is not None:
             self._kept.cut()
 
     def close(self) -> None:
-        """Kill everything; the next call starts a new keeper."""
+        """Kill all processes; the next call starts a new keeper."""
         if self._kept is not None:
             self._kept = None
             self._finalizer()
@@ -153,7 +153,7 @@ class Watchdog:
             stderr=voice,
             env={**os.environ, **_ONE_THREAD},
             pass_fds=(child_end.fileno(), read_end),
-            start_new_session=True,  # out of the reach of the terminal's Ctrl-C
+            start_new_session=True,  # the terminal's Ctrl-C does not reach the process
         )
         child_end.close()
         os.close(read_end)
@@ -163,14 +163,14 @@ class Watchdog:
 
 
 def _nameless_file() -> int:
-    """Open a file without a name, which needs no removal."""
+    """Open a file without a name, which need not be removed."""
     handle, name = tempfile.mkstemp(prefix="structid-")
     Path(name).unlink()
     return handle
 
 
 def _tail(handle: int) -> str:
-    """Read the end of a file without moving the position at which the runner writes."""
+    """Read the end of a file without changing the runner's write position."""
     size = os.fstat(handle).st_size
     start = max(0, size - LAST_WORDS)
     return os.pread(handle, size - start, start).decode(errors="replace").strip()

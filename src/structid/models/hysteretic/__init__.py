@@ -1,1 +1,1 @@
-"""Structures of hysteretic springs: the oscillator, the shear frame, cyclic tests."""
+"""Structures with hysteretic springs: the oscillator, the shear frame, cyclic tests."""

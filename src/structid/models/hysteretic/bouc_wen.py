@@ -62,7 +62,7 @@ _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class BoucWen(TraceableModel):
-    """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).
+    """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation with absorbed energy, pinching).
 
     ::
 
@@ -71,13 +71,13 @@ class BoucWen(TraceableModel):
         e_h′ = (1−α) ω² z v,     e_e′ = α ω² u v                                             [3.14, 3.15]
         A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                               [3.5]
 
-    Restoring force m (α ω² u + (1−α) ω² z). The excitation's type selects the mode: `GroundMotion` (base excitation),
-    `ForceHistory`, or `DisplacementHistory` (the displacement is imposed and the restoring force returned, without the
-    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the thesis calls it dissipated, but part of
-    it is recoverable, and degradation driven by e_h can occur in elastic cycling. The law is
-    bounded-input-bounded-output stable for ``|γ| ≤ β``, which is left to the study.
+    The restoring force is m (α ω² u + (1−α) ω² z). The excitation can be a `GroundMotion`, a `ForceHistory`, or a
+    `DisplacementHistory`. With a `DisplacementHistory` the displacement is imposed, and the response is the restoring force
+    without the viscous part. e_h + e_e is the energy *absorbed* by the spring per mass. The thesis calls it dissipated, but
+    part of it is recoverable, so degradation driven by e_h can occur in elastic cycling. The hysteretic law is
+    bounded-input-bounded-output stable for ``|γ| ≤ β``; the model does not enforce this condition.
 
-    Every parameter is either given a number here or named in `free`.
+    Every parameter either has a value here or is named in `free`.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ class BoucWen(TraceableModel):
     stiffness : float
         Initial stiffness k_i [N/m].
     alpha : float
-        Final over initial stiffness.
+        Ratio of final to initial stiffness.
     beta : float
         β [m⁻ⁿ].
     gamma, gamma_ratio : float
-        γ [m⁻ⁿ], or γ/β: exactly one of the two.
+        γ [m⁻ⁿ], or γ/β: give exactly one of the two.
     damping_ratio, damping : float
-        ζ of the initial stiffness, or c [N s/m]; at most one, none by default.
+        ζ relative to the initial stiffness, or c [N s/m]. Give at most one; the default is no damping.
     exponent : float
         n, 1 by default.
     amplitude : float
@@ -100,13 +100,13 @@ class BoucWen(TraceableModel):
     delta_a, delta_nu, delta_eta : float
         Rates of degradation δ_A, δ_ν, δ_η [kg/J], 0 by default.
     zeta0, p, q, psi0, delta_psi, lambda_ : float
-        Pinching ζ₀ < 1, p [kg/J], q, ψ₀ [m], δ_ψ [m kg/J], λ; none by default.
+        Pinching parameters ζ₀ < 1, p [kg/J], q, ψ₀ [m], δ_ψ [m kg/J], λ; no pinching by default.
     initial_displacement, initial_velocity, initial_hysteretic_displacement : float
         State at the first sample [m, m/s, m], 0 by default.
     free : sequence of str
         Parameters that are given with every run instead, in the order of its columns.
     channels : sequence of str
-        What to record: see `CHANNELS`; energies are in J.
+        Channels to record, from `CHANNELS`; energies are in J.
     substeps : int
         Runge-Kutta steps per sample.
 
@@ -151,7 +151,7 @@ class BoucWen(TraceableModel):
         object.__setattr__(self, "free", free)
         object.__setattr__(self, "channels", check_channels(f"{type(self).__name__}.channels", self.channels, CHANNELS))
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
-            raise InputError("BoucWen.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
+            raise InputError("BoucWen.substeps", f"{self.substeps!r}", "a whole number of 1 or more")
         for name in PARAMETER_UNITS:
             value = getattr(self, name)
             if value is not None:
@@ -172,15 +172,13 @@ class BoucWen(TraceableModel):
                 )
         for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
             if name in self.free and getattr(self, name) is not None:
-                raise InputError(
-                    f"BoucWen.{name}", "it has a value and is free as well", "one of the two", "Remove one."
-                )
+                raise InputError(f"BoucWen.{name}", "it has a value and is also free", "one of the two", "Remove one.")
         for first, second in _EITHER:
             if self._given(first) and self._given(second):
                 raise InputError(
                     f"BoucWen.{first}",
                     f"both {first} and {second} are given",
-                    "one of the two",
+                    "only one of the two",
                     f"Remove {second}.",
                 )
         if not (self._given("gamma") or self._given("gamma_ratio")):
@@ -199,7 +197,7 @@ class BoucWen(TraceableModel):
                 "BoucWen.zeta0",
                 f"{self.zeta0:g}",
                 "a number below 1",
-                "At 1 the spring loses all stiffness in the pinched range; the source's 1 is read as 0.95.",
+                "At 1 the spring has no stiffness in the pinched range. Use 0.95 where the source has 1.",
             )
         if (self.zeta0 != 0.0 or "zeta0" in self.free) and any(
             getattr(self, name) <= 0.0 and name not in self.free for name in ("p", "psi0", "lambda_")
@@ -207,13 +205,13 @@ class BoucWen(TraceableModel):
             raise InputError(
                 "BoucWen pinching",
                 f"zeta0 with p = {self.p:g}, psi0 = {self.psi0:g}, lambda_ = {self.lambda_:g}",
-                "positive p, psi0 and lambda_ wherever zeta0 is not 0",
+                "positive p, psi0 and lambda_ if zeta0 is not 0",
             )
 
     # --- response -----------------------------------------------------------------------------------------------
 
     def _values(self, theta: Any) -> dict[str, Any]:
-        """Every parameter by name: floats where fixed, arrays over runs where free."""
+        """Return every parameter by name: floats for fixed parameters, arrays over runs for free parameters."""
         values = {name: getattr(self, name) for name in PARAMETER_UNITS}
         values.update({name: theta[:, i] for i, name in enumerate(self.free)})
         if values["gamma"] is None:
@@ -221,22 +219,22 @@ class BoucWen(TraceableModel):
         return values
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`."""
+        """Refuse priors with a wrong unit or with unphysical values; see `Model.check_priors`."""
         check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse several signals at once, and accelerations where the displacement is imposed."""
+        """Refuse several signals at once, and acceleration channels under imposed displacements."""
         check_one_signal("BoucWen", excitation)
         forbidden = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
         if excitation.kind == "displacement" and forbidden:
             raise InputError(
                 "channels",
-                "accelerations with an imposed displacement",
+                "acceleration channels with an imposed displacement",
                 "displacement, velocity, restoring_force, …",
             )
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`."""
+        """Return the loop over the record; see `TraceableModel.time_loop`."""
         equations = OscillatorEquations(self._values(theta), self.channels, excitation.kind)
         each = theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])
         return runge_kutta_loop(
@@ -251,31 +249,31 @@ class BoucWen(TraceableModel):
         )
 
     def static_force(self, theta: Any) -> HystereticSprings:
-        """Give the spring without mass and dashpot; see `TraceableModel.static_force`."""
+        """Return the spring without mass and dashpot; see `TraceableModel.static_force`."""
         values = {n: v if isinstance(v, float) else v[None] for n, v in self._values(theta).items() if v is not None}
         law = Law(**{name: values[name] for name in Law._fields})
         k, m = (np.array([v]) if isinstance(v, float) else v for v in (values["stiffness"], values["mass"]))
         return HystereticSprings(np.ones((1, 1)), k, m, law)
 
     def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
-        """Give that of the initial stiffness; see `Model.natural_frequency`."""
+        """Return the frequency of the initial stiffness; see `Model.natural_frequency`."""
         values = self._values(theta)
         return np.broadcast_to(np.sqrt(values["stiffness"] / values["mass"]) / (2.0 * np.pi), len(theta))
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
-        """Give yield displacement and yield force; see `Model.derived_quantities`."""
+        """Return yield displacement and yield force; see `Model.derived_quantities`."""
         displacement, force = (np.broadcast_to(v, len(theta)) for v in yield_point(self._values(theta)))
         return {"yield displacement": DerivedQuantity(displacement, "mm"), "yield force": DerivedQuantity(force, "kN")}
 
     @property
     def content_hash(self) -> str:
-        """Hash of every setting."""
+        """Hash of all settings."""
         return digest("BoucWen", {f.name: getattr(self, f.name) for f in fields(self)})
 
-    # --- describing ---------------------------------------------------------------------------------------------
+    # --- description --------------------------------------------------------------------------------------------
 
     def properties(self) -> dict[str, float]:
-        """Frequency and damping of the initial stiffness.
+        """Compute frequency and damping for the initial stiffness.
 
         Returns
         -------
@@ -291,8 +289,8 @@ class BoucWen(TraceableModel):
         if loose:
             raise InputError(
                 "BoucWen.properties",
-                f"{', '.join(loose)} free",
-                "a model whose mass, stiffness and damping are numbers",
+                f"free parameters: {', '.join(loose)}",
+                "fixed values of mass, stiffness and damping",
                 "Fix them with BoucWen.fixed(...).",
             )
         assert self.mass is not None and self.stiffness is not None
@@ -309,12 +307,12 @@ class BoucWen(TraceableModel):
         }
 
     def fixed(self, **values: float) -> BoucWen:
-        """Return this model with some of its free parameters fixed.
+        """Return a copy of this model in which some free parameters are fixed.
 
         Parameters
         ----------
         **values : float
-            Their values in SI.
+            Values of the fixed parameters in SI.
 
         Returns
         -------
@@ -326,7 +324,7 @@ class BoucWen(TraceableModel):
                 raise InputError(
                     "BoucWen.fixed",
                     f"'{name}'",
-                    ", ".join(self.free) or "nothing is free",
+                    ", ".join(self.free) or "no name, since no parameter is free",
                     suggestion(name, self.free),
                 )
         return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]
@@ -338,11 +336,11 @@ class BoucWen(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return "Bouc–Wen oscillator"
 
     def recording(self, *channels: str) -> BoucWen:
-        """Return this model with other channels."""
+        """Return a copy of this model that records other channels."""
         return replace(self, channels=channels)
 
     def __str__(self) -> str:
@@ -366,16 +364,16 @@ class BoucWen(TraceableModel):
         Parameters
         ----------
         excitation : Excitation
-            What drives it.
+            Excitation of the model.
         theta : ndarray, shape (parameter,), optional
-            The free parameters in SI; left out when there are none.
+            The free parameters in SI; optional if there are none.
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         matplotlib.figure.Figure
-            Four panels.
+            Figure with four panels.
         """
         from structid.figures import response as figure
 

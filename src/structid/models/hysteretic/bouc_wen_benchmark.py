@@ -1,4 +1,4 @@
-"""The Bouc-Wen benchmark of nonlinear system identification in this package's parameters."""
+"""Parameters of the Bouc-Wen benchmark of nonlinear system identification, converted to this package."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 
 def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, nu: Any) -> dict[str, Any]:
-    """Convert the parameters of the Bouc-Wen benchmark (Noël & Schoukens 2016) to this package's.
+    """Convert the parameters of the Bouc-Wen benchmark (Noël & Schoukens 2016) to the parameters of `BoucWen`.
 
     The benchmark's m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β (γ |ẏ| |z|^(ν−1) z + δ ẏ |z|^ν) is the oscillator with
-    k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are the same.
+    k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are unchanged.
     """
     shape = beta * alpha ** (nu - 1.0)
     return {

@@ -14,7 +14,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class FrameEquations(HystereticSystem):
-    """m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1); every part of the state is (storey, run)."""
+    """Equations m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1); every part of the state has shape (storey, run)."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class FrameEquations(HystereticSystem):
         return jnp.broadcast_to(value, (self.storeys, self.runs))
 
     def _viscous(self, damping: str | np.ndarray, rayleigh_mode: int, damping_ratio: Any) -> Any:
-        """M⁻¹ C, shape (storey, storey, run)."""
+        """Return M⁻¹ C, shape (storey, storey, run)."""
         if not isinstance(damping, str):
             return jnp.asarray(damping)[:, :, None] / self.mass[:, None, :]
         root = jnp.sqrt(self.mass.T)
@@ -47,7 +47,7 @@ class FrameEquations(HystereticSystem):
         if damping == "modal":
             rates = 2.0 * zeta * omega
         else:
-            # a/(2ω) + bω/2 = ζ at both modes: 2ζω of every mode becomes a + b ω²
+            # a/(2ω) + bω/2 = ζ at both modes, so that 2ζω of every mode becomes a + b ω²
             first, second = omega[:, :1], omega[:, min(rayleigh_mode, self.storeys) - 1, None]
             rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
         symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
@@ -55,35 +55,35 @@ class FrameEquations(HystereticSystem):
         return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
 
     def _stiffness_matrices(self) -> Any:
-        """K of every run, shape (run, storey, storey)."""
+        """Return K of every run, shape (run, storey, storey)."""
         k = self.stiffness.T
         above = jnp.concatenate([k[:, 1:], jnp.zeros((self.runs, 1))], axis=1)
         upper = jnp.eye(self.storeys, k=1) * above[:, :, None]
         return (k + above)[:, :, None] * jnp.eye(self.storeys) - upper - upper.swapaxes(1, 2)
 
     def initial_state(self, zero: Float[Array, "storey run"]) -> State:
-        """The frame at rest."""
+        """Return the state of the frame at rest."""
         return self.with_energies({"u": zero, "v": zero, "z": zero}, zero)
 
     def largest_square_of_frequency(self) -> Any:
-        """Gershgorin's bound max 2 (k_j + k_(j+1))/m_j; see `HystereticSystem.largest_square_of_frequency`."""
+        """Return Gershgorin's bound max 2 (k_j + k_(j+1))/m_j; see `HystereticSystem.largest_square_of_frequency`."""
         above = jnp.concatenate([self.stiffness[1:], jnp.zeros_like(self.stiffness[:1])])
         return (2.0 * (self.stiffness + above) / self.mass).max(axis=0)
 
     def deformation(self, motion: Float[Array, "storey run"]) -> Float[Array, "storey run"]:
-        """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`."""
+        """Return the drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`."""
         return motion - jnp.concatenate([jnp.zeros_like(motion[:1]), motion[:-1]])
 
     def spring_force(
         self, deformation: Float[Array, "storey run"], z: Float[Array, "storey run"]
     ) -> Float[Array, "storey run"]:
-        """Storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`."""
+        """Return the storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`."""
         return self.stiffness * (self.law.alpha * deformation + (1.0 - self.law.alpha) * z)
 
     def acceleration(
         self, u: Float[Array, "storey run"], v: Float[Array, "storey run"], z: Float[Array, "storey run"], signal: Any
     ) -> Float[Array, "storey run"]:
-        """Accelerations of the floors; see `HystereticSystem.acceleration`."""
+        """Return the accelerations of the floors; see `HystereticSystem.acceleration`."""
         shear = self.spring_force(self.deformation(u), z)
         above = jnp.concatenate([shear[1:], jnp.zeros_like(shear[:1])])
         damping = jnp.einsum("ijr,jr->ir", self.viscous, v)
@@ -104,6 +104,6 @@ class FrameEquations(HystereticSystem):
 
 
 def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarray, "storey storey"]:
-    """Tridiagonal stiffness matrix of storeys from the ground up."""
+    """Return the tridiagonal stiffness matrix of storeys, listed from the ground up."""
     matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
     return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)

@@ -1,4 +1,4 @@
-"""Parameters of hysteretic models: their SI units and common checks."""
+"""Parameters of hysteretic models: SI units and common checks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PARAMETER_UNITS = {
 """SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
 
 DEFAULT_SUBSTEPS = 3
-"""Steps per sample; the velocity error in the benchmark study is below 1e-4 of its norm."""
+"""Integration steps per sample; the velocity error in the benchmark study is below 1e-4 of the velocity norm."""
 
 
 def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -46,7 +46,7 @@ def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str
         if name not in known_names:
             raise InputError(
                 f"{model}.free",
-                f"the parameter '{name}', which the model lacks",
+                f"the model has no parameter '{name}'",
                 ", ".join(known_names),
                 suggestion(name, known_names),
             )
@@ -60,14 +60,14 @@ def finite_number(where: str, value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary name it in free.") from None
+        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary, name it in free.") from None
     if not np.isfinite(number):
         raise InputError(where, f"{number}", "a finite number")
     return number
 
 
 def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]) -> str | None:
-    """SI unit of a parameter in a study; that of β and γ is m⁻ⁿ, known only where n is known."""
+    """Return the SI unit of a parameter in a study; the unit m⁻ⁿ of β and γ is known only if n is known."""
     if name not in ("beta", "gamma"):
         return PARAMETER_UNITS.get(name)
     exponent = given.get("exponent")
@@ -77,12 +77,12 @@ def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]
 
 
 def unit_of_shape(exponent: float) -> str:
-    """SI unit of β and γ for a known exponent."""
+    """Return the SI unit of β and γ for a known exponent."""
     return "1/m" if exponent == 1.0 else f"1/m^{exponent:g}"
 
 
 def refuse_units_of_shapes(table: Any) -> Any:
-    """Refuse a unit of length for β and γ where n is not 1: they are in m⁻ⁿ, which it would scale wrongly."""
+    """Refuse a unit for β and γ if n is not 1: they are in m⁻ⁿ, so the unit would scale them wrongly."""
     if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
         for name in ("beta", "gamma"):
             if isinstance(table.get(name), str):

@@ -1,4 +1,4 @@
-"""A structure under imposed displacements, as in a cyclic test or a hybrid test; its response is the force."""
+"""A structure under imposed displacements, as in a cyclic or hybrid test; its response is the force."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from structid.models.traceable import TraceableModel, TracedExcitation, as_trace
 from structid.probability.space import ParameterSpace
 
 KINDS = {"m": DisplacementHistory.kind, "rad": RotationHistory.kind}
-"""Kind of excitation, by the unit of the displacement."""
+"""Kind of excitation for each unit of displacement."""
 
 
 def force_channels(units: Sequence[str]) -> tuple[str, ...]:
-    """Names of the force channels."""
+    """Return the names of the force channels."""
     if len(units) == 1:
         return ("moment",) if units[0] == "rad" else ("restoring_force",)
     return tuple(f"{'moment' if unit == 'rad' else 'restoring_force'}_{k}" for k, unit in enumerate(units, start=1))
@@ -33,19 +33,19 @@ def force_channels(units: Sequence[str]) -> tuple[str, ...]:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class ImposedDisplacements(TraceableModel):
-    """A model's structure under imposed displacements, without inertia and dashpots.
+    """The structure of a model under imposed displacements, without inertia and dashpots.
 
-    Forces are differences from those at the start, where all displacements are zero.
+    Forces are measured relative to the start, where all displacements are zero.
 
     Parameters
     ----------
     model : TraceableModel
-        On whose structure displacements can be imposed, such as `BoucWen` or `MasonryWall`. Its free parameters are those of this
-        one. A wall's top is moved by a rigid beam: u_x, u_y and the rotation about the middle of the top.
+        A model that allows imposed displacements, such as `BoucWen` or `MasonryWall`; the free parameters are the same. A rigid
+        beam moves the top of a wall: u_x, u_y and the rotation about the middle of the top.
     pieces : int
-        In which every move from sample to sample is done.
+        Number of pieces into which every move between samples is divided.
     channels : sequence of str, optional
-        Which forces are recorded, see `force_channels`; all when left out.
+        Forces to record, from `force_channels`; all forces by default.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class ImposedDisplacements(TraceableModel):
     60.3 kN
     """
 
-    hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"
+    hint_where_not_finite: ClassVar[str] = "; if a move is too long for the hysteretic law, use more pieces"
 
     model: TraceableModel
     pieces: int = 10
@@ -70,10 +70,10 @@ class ImposedDisplacements(TraceableModel):
             raise InputError(
                 "ImposedDisplacements.model",
                 f"a {self.model.kind_in_words}",
-                "a model on which displacements can be imposed",
+                "a model that allows imposed displacements",
             )
         if not self.pieces >= 1:
-            raise InputError("ImposedDisplacements.pieces", f"{self.pieces!r}", "a whole number, 1 or more")
+            raise InputError("ImposedDisplacements.pieces", f"{self.pieces!r}", "a whole number of 1 or more")
         available = force_channels(self._units)
         requested = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
         object.__setattr__(
@@ -87,7 +87,7 @@ class ImposedDisplacements(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return f"{self.model.kind_in_words} under imposed displacements"
 
     def _force(self, theta: Any) -> RestoringForce | None:
@@ -101,7 +101,7 @@ class ImposedDisplacements(TraceableModel):
         return force.units
 
     def static_force(self, theta: Any) -> RestoringForce | None:
-        """Give the model's; see `TraceableModel.static_force`."""
+        """Return the static force of the model; see `TraceableModel.static_force`."""
         return self.model.static_force(theta)
 
     def steps_in_sample(self, excitation: Excitation) -> int:
@@ -109,7 +109,7 @@ class ImposedDisplacements(TraceableModel):
         return 1
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the samples; see `TraceableModel.time_loop`."""
+        """Return the loop over the samples; see `TraceableModel.time_loop`."""
         force, count = self._force(theta), len(self._units)
         assert force is not None  # __post_init__ has looked
         rows = [force_channels(self._units).index(channel) for channel in self.channels]
@@ -127,26 +127,26 @@ class ImposedDisplacements(TraceableModel):
         return TimeLoop(start, sample, excitation.stages, excitation.dropped_samples, lambda carried: carried[1])
 
     def recording(self, *channels: str) -> ImposedDisplacements:
-        """Return this model with other channels."""
+        """Return a copy of this model that records other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but as many imposed displacements as the structure has."""
+        """Refuse any excitation except one imposed displacement for each degree of freedom."""
         parts = excitation.parts if isinstance(excitation, CombinedExcitation) else (excitation,)
         requested, came = [KINDS[unit] for unit in self._units], [part.kind for part in parts]
         if came != requested:
             allowed = ", ".join(f"a {kind.capitalize()}History" for kind in requested)
             raise InputError(
-                "ImposedDisplacements", ", ".join(came), allowed, "Several are one CombinedExcitation, in this order."
+                "ImposedDisplacements", ", ".join(came), allowed, "Use one CombinedExcitation in this order."
             )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse what the model refuses; see `Model.check_priors`."""
+        """Refuse priors that the model refuses; see `Model.check_priors`."""
         self.model.check_priors(space)
 
     @property
     def content_hash(self) -> str:
-        """Hash of every setting."""
+        """Hash of all settings."""
         return digest("ImposedDisplacements", self.model.content_hash, self.pieces, self.channels)
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Initial and final stiffness of a measured loop from two straight lines, for the priors of `stiffness` and `alpha`.
+"""Initial and final stiffness of a measured loop, from two straight lines, for the priors of `stiffness` and `alpha`.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -23,35 +23,35 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OTHER_ELASTIC = (0.5, 1.5, 2.0)
-"""Alternative ends of the initial line, relative to the chosen one, for the sensitivity of its slope."""
+"""Alternative ends of the initial line relative to the chosen end, for the sensitivity of its slope."""
 
 OTHER_YIELDED = (0.6, 1.4)
-"""Alternative starts of the final line, as distances from the peak relative to the chosen one."""
+"""Alternative starts of the final line, as distances from the peak relative to the chosen distance."""
 
 FEWEST = 3
 """Minimum number of samples on a line."""
 
 DUCTILITY = 2.5
-"""Minimum ratio of the peak displacement to that at which the lines meet, for a loop that determines α."""
+"""Minimum ratio of the peak displacement to the displacement at which the lines meet, for a loop that determines α."""
 
 YIELD_SHARE = 0.3
-"""Minimum ratio of yield force to largest force: below it the final line passes near zero, as the initial line does."""
+"""Minimum ratio of yield force to largest force: below it the final line passes near zero, like the initial line."""
 
 NORMAL_90 = 2 * 1.645
 """Width of a 90 % interval of the normal distribution, in standard deviations."""
 
 SMALLEST_SPREAD = {"stiffness": 0.1, "alpha": 0.3}
-"""Minimum coefficients of variation of the priors, since the parameters of a smooth law are not slopes of lines."""
+"""Minimum coefficients of variation of the priors, since the parameters of a smooth loop are not exactly slopes of lines."""
 
 
 @check_arguments
 @dataclass(frozen=True)
 class LoopLines(ShownAsText):
-    """Two straight lines through a force-displacement loop; made by `fit` or `read`.
+    """Two straight lines through a force-displacement loop, created by `fit` or `read`.
 
-    The slope of a smooth loop falls steadily, so that a line's slope depends on its range. The intervals hold the slopes over other
-    ranges, and what the slopes tend to: that of the initial line is longer by their spread above; that of the final line begins at
-    the asymptote of a loop that bends as slowly as Bouc and Wen's with an exponent of 1. A sharper one has reached it already.
+    The slope of a smooth loop decreases steadily, so a line's slope depends on its range. The intervals contain the slopes over
+    other ranges and their limits. The initial interval is extended upwards by the spread of the slopes. The final interval starts
+    at the asymptote of a loop that bends as slowly as a Bouc-Wen loop with an exponent of 1. A sharper loop has already reached it.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class LoopLines(ShownAsText):
     yield_force : float
         Force at which the final line meets zero displacement [N].
     initial_interval, final_interval : pair of float
-        Where k_i and k_u lie [N/m].
+        Intervals of k_i and k_u [N/m].
     displacement, force : ndarray, shape (time,)
-        The loop [m], [N].
+        Displacement [m] and force [N] of the loop.
 
     Examples
     --------
@@ -87,13 +87,13 @@ class LoopLines(ShownAsText):
     def fit(cls, displacement: np.ndarray, force: np.ndarray, elastic: float = 0.1, yielded: float = 0.75) -> LoopLines:
         """Fit both lines by linear regressions (the thesis's figure 3.7).
 
-        The initial line goes through the samples before the displacement first leaves ± `elastic` of its peak, f = f_0 + k_i u; the
-        final one through the loading samples beyond ± `yielded` of the peak, f = ± f_y + k_u u with one slope for both sides.
+        The initial line f = f_0 + k_i u fits the samples before the displacement first exceeds ± `elastic` of its peak. The final
+        line f = ± f_y + k_u u fits the loading samples beyond ± `yielded` of the peak, with one slope for both sides.
 
         Parameters
         ----------
         displacement, force : ndarray, shape (time,)
-            [m], [N], from rest on.
+            Histories [m] and [N], starting at rest.
         elastic, yielded : float
             Fractions of the peak displacement.
 
@@ -119,9 +119,9 @@ class LoopLines(ShownAsText):
             for name, values in (("displacement", displacement), ("force", force))
         )
         if u.shape != f.shape or u.ndim != 1:
-            raise InputError("LoopLines.fit", f"shapes {u.shape} and {f.shape}", "two histories of one length")
+            raise InputError("LoopLines.fit", f"shapes {u.shape} and {f.shape}", "two histories of equal length")
         if missing := int(np.count_nonzero(~np.isfinite(u + f))):
-            raise InputError("LoopLines.fit", f"{missing} of {u.size} samples missing or infinite", "finite numbers")
+            raise InputError("LoopLines.fit", f"{missing} of {u.size} samples are not finite", "finite numbers")
         if not 0.0 < elastic < yielded < 1.0:
             raise InputError("LoopLines.fit", f"elastic={elastic:g}, yielded={yielded:g}", "0 < elastic < yielded < 1")
         counts = int(_elastic(u, elastic).sum()), int(_yielded(u, yielded).sum())
@@ -129,7 +129,7 @@ class LoopLines(ShownAsText):
             raise InputError(
                 "LoopLines.fit",
                 f"{counts[0]} samples on the initial and {counts[1]} on the final line",
-                f"{FEWEST} or more on each",
+                f"at least {FEWEST} samples on each line",
                 "Change the fractions elastic and yielded.",
             )
         initial = _initial_slope(u, f, elastic)
@@ -177,25 +177,25 @@ class LoopLines(ShownAsText):
             If the file cannot be read, or the lines cannot be fitted.
         """
         displacement, force = (
-            read_columns(path, unit, 1.0, column, si).values.reshape(-1)  # a loop needs no clock
+            read_columns(path, unit, 1.0, column, si).values.reshape(-1)  # a loop needs no times
             for unit, column, si in ((displacement_unit, displacement_column, "m"), (force_unit, force_column, "N"))
         )
         return cls.fit(displacement, force, elastic, yielded)
 
     @property
     def alpha(self) -> float:
-        """Final over initial stiffness, α = k_u/k_i."""
+        """Ratio of final to initial stiffness, α = k_u/k_i."""
         return self.final_stiffness / self.initial_stiffness
 
     @property
     def alpha_interval(self) -> tuple[float, float]:
-        """Interval of α; its upper end also holds for a structure that has hardly yielded."""
+        """Interval of α; the upper end is valid even for a structure that has hardly yielded."""
         ratios = [final / initial for final in self.final_interval for initial in self.initial_interval]
         return min(ratios), min(1.0, max(ratios))
 
     @property
     def ductility(self) -> float:
-        """Peak displacement over the displacement at which the two lines meet."""
+        """Ratio of the peak displacement to the displacement at which the two lines meet."""
         # f_y + k_u u_y = k_i u_y
         yield_displacement = self.yield_force / (self.initial_stiffness - self.final_stiffness)
         return float(np.abs(self.displacement).max() / yield_displacement)
@@ -210,21 +210,21 @@ class LoopLines(ShownAsText):
         )
 
     def priors(self) -> dict[str, Marginal]:
-        """Give priors of `stiffness` and `alpha` (the thesis has means of 7.42 kN/mm and 0.063).
+        """Return priors of `stiffness` and `alpha` (the means in the thesis are 7.42 kN/mm and 0.063).
 
-        Their means are the middle of `initial_interval` and `alpha_interval`. These are their intervals of 90 %, but for
-        coefficients of variation of 0.1 and 0.3 at least. Lines through the loop that is also the measurement use it twice: keep
-        these priors wide.
+        The prior means are the midpoints of `initial_interval` and `alpha_interval`, which are the 90 % intervals of the priors.
+        The coefficients of variation are at least 0.1 and 0.3. If the loop is also the measurement, the data are used twice: then
+        keep these priors wide.
 
         Returns
         -------
         dict of str to Marginal
-            Lognormal; that of α truncated at 1.
+            Lognormal priors; the prior of α is truncated at 1.
 
         Raises
         ------
         InputError
-            If the structure has hardly yielded, or its strength falls: the loop then says nothing of α.
+            If the structure has hardly yielded, or its strength decreases: the loop then does not determine α.
 
         Examples
         --------
@@ -236,14 +236,14 @@ class LoopLines(ShownAsText):
                 "LoopLines.priors",
                 self._hardly,
                 "a loop well beyond yielding",
-                "Take initial_stiffness alone, and give alpha a wide prior of your own.",
+                "Use only initial_stiffness, and choose a wide prior of alpha yourself.",
             )
         if self.final_stiffness <= 0.0:
             raise InputError(
                 "LoopLines.priors",
-                f"a final line that falls, with {self._kilonewtons(self.final_stiffness)}",
-                "a final line that rises",
-                "Strength is lost in the loop: take a law with degradation, and give alpha a prior of your own.",
+                f"the final line decreases, with {self._kilonewtons(self.final_stiffness)}",
+                "a final line that increases",
+                "The loop loses strength: use a hysteretic law with degradation, and choose a prior of alpha yourself.",
             )
         stiffness, alpha = self.initial_interval, (max(self.alpha_interval[0], 0.0), self.alpha_interval[1])
         return {
@@ -254,8 +254,8 @@ class LoopLines(ShownAsText):
     @property
     def _hardly(self) -> str:
         return (
-            f"a structure that hardly yielded: its final line has {self.alpha:.2f} of the initial stiffness and a yield force of "
-            f"{self.yield_force * 1e-3:.3g} kN, of {np.abs(self.force).max() * 1e-3:.3g} kN at most"
+            f"the structure hardly yielded: the final line has {self.alpha:.2f} of the initial stiffness and a yield force of "
+            f"{self.yield_force * 1e-3:.3g} kN, at a peak force of {np.abs(self.force).max() * 1e-3:.3g} kN"
         )
 
     @staticmethod
@@ -266,11 +266,11 @@ class LoopLines(ShownAsText):
         low, high = (f"{end * 1e-6:.3g}" for end in self.initial_interval)
         text = f"The loop's initial stiffness is {self._kilonewtons(self.initial_stiffness)} ({low} to {high})."
         if not self.yielded:
-            return f"{text} It is of {self._hardly}. Of alpha it says no more than that it is at most {self.alpha_interval[1]:.2f}."
+            return f"{text} In this loop {self._hardly}. The loop only shows that alpha is at most {self.alpha_interval[1]:.2f}."
         first, last = self.alpha_interval
         return (
-            f"{text} Its alpha is {self.alpha:.3f} ({first:.3f} to {last:.3f}), its yield force {self.yield_force * 1e-3:.3g} kN, "
-            f"its ductility {self.ductility:.2g}."
+            f"{text} Alpha is {self.alpha:.3f} ({first:.3f} to {last:.3f}), the yield force {self.yield_force * 1e-3:.3g} kN, "
+            f"and the ductility {self.ductility:.2g}."
         )
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
@@ -279,7 +279,7 @@ class LoopLines(ShownAsText):
         Parameters
         ----------
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
@@ -298,22 +298,22 @@ class LoopLines(ShownAsText):
             x = side * np.array([0.3, 1.0]) * end
             text = f"final, {self._kilonewtons(self.final_stiffness)} (α = {self.alpha:.3g})"
             lines.append((x, side * self.yield_force * 1e-3 + x * self.final_stiffness * 1e-6, text))
-        title = "" if self.yielded else "hardly yielded: the final line does not tell α"
+        title = "" if self.yielded else "hardly yielded: the final line does not determine α"
         return loops.loop_and_lines(u, f, lines, title, save=save)
 
 
 def _elastic(u: np.ndarray, part: float) -> Any:
-    """Samples before the displacement first exceeds this fraction of its peak."""
+    """Return a mask of the samples before the displacement first exceeds this fraction of its peak."""
     return np.logical_and.accumulate(np.abs(u) <= part * np.abs(u).max()) & (u != 0.0)
 
 
 def _yielded(u: np.ndarray, part: float) -> Any:
-    """Samples beyond this fraction of the peak displacement that move away from zero."""
+    """Return a mask of the samples beyond this fraction of the peak displacement that move away from zero."""
     return (np.abs(u) > part * np.abs(u).max()) & (u * np.gradient(u) > 0.0)
 
 
 def _initial_slope(u: np.ndarray, f: np.ndarray, part: float) -> float:
-    """k_i [N/m] of f = f_0 + k_i u; NaN for too few samples."""
+    """Return k_i [N/m] of f = f_0 + k_i u; NaN for too few samples."""
     first = _elastic(u, part)
     if first.sum() < FEWEST:
         return float("nan")
@@ -322,9 +322,9 @@ def _initial_slope(u: np.ndarray, f: np.ndarray, part: float) -> float:
 
 
 def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float]:
-    """k_u [N/m] and f_y [N] of f = ± f_y + k_u u; NaN for too few samples.
+    """Return k_u [N/m] and f_y [N] of f = ± f_y + k_u u; NaN for too few samples.
 
-    Each side has its own f_y during the fit, so that a loop that has drifted to one side keeps its slope.
+    In the fit each side has its own f_y, so that a drift of the loop to one side does not change the slope.
     """
     loading = _yielded(u, part)
     if loading.sum() < FEWEST:
@@ -337,13 +337,13 @@ def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float
 
 
 def _asymptote(initial: float, slope: float, yield_force: float, middle: float) -> float:
-    """Limit [N/m] of the final line's slope, for a loop that bends as Bouc and Wen's with an exponent of 1.
+    """Return the limit [N/m] of the final line's slope, for a Bouc-Wen loop with an exponent of 1.
 
-    A loop f = α k_i u + (1 - α) k_i z_u (1 - e^{-u/z_u}) has, at u = μ z_u, the tangent k_i (α + (1 - α) e^{-μ}). It meets the
-    initial line at a displacement smaller than u by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}), for any α.
+    The tangent of the loop f = α k_i u + (1 - α) k_i z_u (1 - e^{-u/z_u}) at u = μ z_u is k_i (α + (1 - α) e^{-μ}). For any α the
+    tangent meets the initial line at u divided by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}).
     """
     ratio = middle * (initial - slope) / yield_force if yield_force > 0.0 else 0.0
-    if not ratio > 2.0:  # as for a tangent at zero
+    if not ratio > 2.0:  # 2 is the ratio for a tangent at zero
         return float("nan")
     mu = scipy.optimize.brentq(lambda m: m * (1.0 - np.exp(-m)) / (1.0 - (1.0 + m) * np.exp(-m)) - ratio, 1e-3, ratio)
     left = np.exp(-mu)
@@ -355,6 +355,6 @@ def _range(slopes: list[float]) -> tuple[float, float]:
 
 
 def _moments(name: str, interval: tuple[float, float]) -> tuple[float, float]:
-    """Mean and standard deviation of a prior with this interval, with a minimum spread."""
+    """Return the mean and standard deviation of a prior with this interval and a minimum spread."""
     mean = 0.5 * (interval[0] + interval[1])
     return mean, max((interval[1] - interval[0]) / NORMAL_90, SMALLEST_SPREAD[name] * mean)

@@ -1,6 +1,6 @@
-"""The equations of motion of the single-degree-of-freedom oscillator.
+"""Equations of motion of the single-degree-of-freedom oscillator.
 
-Equation numbers are those of the MSc thesis in docs/bibliography.md.
+Equation numbers refer to the MSc thesis in docs/bibliography.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class OscillatorEquations(HystereticSystem):
-    """u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the states that are needed."""
+    """Equation u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the necessary states."""
 
     def __init__(self, values: dict[str, Any], channels: tuple[str, ...], kind: str) -> None:
         law = Law(**{name: values[name] for name in Law._fields})
@@ -35,7 +35,7 @@ class OscillatorEquations(HystereticSystem):
         return 2.0 * (0.0 if ratio is None else ratio) * jnp.sqrt(omega_squared)
 
     def initial_state(self, like: Float[Array, " run"]) -> State:
-        """State at the first sample."""
+        """Return the state at the first sample."""
         zero = jnp.zeros_like(like)
         state = {"z": zero + self.values["initial_hysteretic_displacement"]}
         if not self.driven:
@@ -44,28 +44,28 @@ class OscillatorEquations(HystereticSystem):
         return self.with_energies(state, zero)
 
     def inputs(self, step: float) -> Callable[[Any], tuple[Any, Any, Any]]:
-        """Return the function from the excitation at the start, middle and end of a step to the inputs of `rate`."""
+        """Return the function that maps the excitation at the start, middle and end of a step to the inputs of `rate`."""
         if not self.driven:
             return lambda stage: (stage[0], stage[1], stage[2])
 
         def displacement_and_velocity(stage: Any) -> tuple[Any, Any, Any]:
-            # The parabola through the three values; a straight line where the record is one.
+            # The displacement is the parabola through the three values, or a straight line if the record is linear there.
             a, b, c = stage[0], stage[1], stage[2]
             return (a, (-3 * a + 4 * b - c) / step), (b, (c - a) / step), (c, (a - 4 * b + 3 * c) / step)
 
         return displacement_and_velocity
 
     def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
-        """Displacement and velocity, imposed or from the state; see `HystereticSystem.kinematics`."""
+        """Return displacement and velocity, imposed or from the state; see `HystereticSystem.kinematics`."""
         imposed: tuple[Any, Any] = signal
         return imposed if self.driven else (state["u"], state["v"])
 
     def largest_square_of_frequency(self) -> Any:
-        """ω²; see `HystereticSystem.largest_square_of_frequency`."""
+        """Return ω²; see `HystereticSystem.largest_square_of_frequency`."""
         return 0.0 * self.omega_squared if self.driven else self.omega_squared
 
     def deformation(self, motion: Any) -> Any:
-        """The spring deforms with the mass; see `HystereticSystem.deformation`."""
+        """Return the motion of the mass, which deforms the spring; see `HystereticSystem.deformation`."""
         return motion
 
     def _force_per_mass(self, u: Any, z: Any) -> Any:
@@ -73,16 +73,16 @@ class OscillatorEquations(HystereticSystem):
         return self.elastic * u + self.hysteretic * z
 
     def spring_force(self, deformation: Any, z: Any) -> Any:
-        """Restoring force; see `HystereticSystem.spring_force`."""
+        """Return the restoring force; see `HystereticSystem.spring_force`."""
         return self.mass * self._force_per_mass(deformation, z)
 
     def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
-        """Acceleration of the mass; see `HystereticSystem.acceleration`."""
+        """Return the acceleration of the mass; see `HystereticSystem.acceleration`."""
         # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m instead of −a_g                     [3.12]
         drive = signal / self.mass if self.kind == "force" else -signal
         return drive - self.viscous * v - self._force_per_mass(u, z)
 
     def observe(self, state: State, signal: Any) -> Float[Array, "channel run"]:
         """Return the channels at a sample."""
-        zero = jnp.zeros_like(state["z"])  # an imposed motion is the same for all runs
+        zero = jnp.zeros_like(state["z"])  # all runs share an imposed motion
         return jnp.stack([self.channel(name, state, signal) + zero for name in self.channels])

@@ -28,25 +28,25 @@ PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "psi0": (0.0, np.inf),
     "lambda_": (0.0, np.inf),
 }
-"""Physical ranges in SI, ends included."""
+"""Physical ranges in SI, including the ends."""
 
 DRAWS = 512
-"""Draws of the prior that are checked."""
+"""Number of prior draws that are checked."""
 
 TOLERATED = 0.01
-"""Tolerated fraction of the prior outside a range: the tail of a normal prior without a stated bound."""
+"""Tolerated fraction of the prior outside a range, such as the tail of a normal prior without a bound."""
 
 
 def check_value(where: str, name: str, value: float) -> None:
     """Refuse an unphysical value."""
     low, high = PHYSICAL_RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
-        share = f"{value:g} % is {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
+        share = f"For {value:g} %, give {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
         raise InputError(where, f"{value:g}", _range_in_words(low, high), share)
 
 
 def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:
-    """Refuse priors in a wrong unit or with too many unphysical values. Warn where |γ| > β."""
+    """Refuse priors with a wrong unit or too many unphysical values. Warn of |γ| > β."""
     for name in set(free) & set(space.names):
         unit, given_unit = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
         if given_unit and _plain(name) in ("beta", "gamma"):
@@ -61,16 +61,16 @@ def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> N
         if outside > TOLERATED:
             raise InputError(
                 f"the prior of '{name}'",
-                f"{outside:.0%} of it lies outside {_range_in_words(low, high)}",
+                f"{outside:.0%} of the prior lies outside {_range_in_words(low, high)}",
                 f"a prior within {_range_in_words(low, high)}",
-                "Bound it with low and high, and check its unit.",
+                "Bound the prior with low and high, and check its unit.",
             )
     if question := unstable_in_words(unstable_share(space, model)):
         warnings.warn(question, StructidWarning, stacklevel=2)
 
 
 def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
-    """Exponent of the spring to which β or γ belongs; None if unknown or different between springs."""
+    """Return the exponent of the spring to which β or γ belongs; None if it is unknown or differs between springs."""
     if any(_plain(other) == "exponent" for other in free):
         return None
     exponent = getattr(model, "exponent", 1.0)
@@ -81,7 +81,7 @@ def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
 
 
 def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
-    """Refuse a unit of β or γ other than m⁻ⁿ: 1/mm would scale them by 1000, where n = 2 needs a million."""
+    """Refuse a unit of β or γ other than m⁻ⁿ: 1/mm would scale them by 1000, but n = 2 needs a factor of a million."""
     where = f"unit of the prior of '{name}'"
     if exponent is not None:
         factor_of(own, unit_of_shape(exponent), where)
@@ -90,13 +90,13 @@ def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
     if factor(own) != 1.0:
         raise InputError(
             where,
-            f"'{own}' with an exponent that is not one known number",
+            f"'{own}' for an exponent that is unknown or varies",
             "a prior of plain numbers in m^-n, or '1/m'",
         )
 
 
 def unstable_share(space: ParameterSpace, model: object) -> float:
-    """Fraction of the prior with |γ| > β, for which the response may be unbounded."""
+    """Return the fraction of the prior with |γ| > β, for which the response may be unbounded."""
     free = [name for name in space.all_names if _plain(name) in _SHAPES]
     columns = np.asarray(space.sample(DRAWS, 0, "sobol").columns(free)).T if free else ()
     values = _fixed_shapes(model) | dict(zip(free, columns, strict=True))
@@ -105,12 +105,12 @@ def unstable_share(space: ParameterSpace, model: object) -> float:
 
 
 def unstable_in_words(share: float) -> str:
-    """Warn about a fraction that exceeds a tail."""
+    """Return a warning about the fraction with |γ| > β; empty if the fraction is tolerated."""
     if share <= TOLERATED:
         return ""
     return (
-        f"In {share:.0%} of the prior |gamma| exceeds beta, where the response need not stay bounded. Is that meant? "
-        "gamma_ratio from -1 to 1 keeps it bounded."
+        f"In {share:.0%} of the prior |gamma| exceeds beta, so the response may grow without bound. "
+        "To keep it bounded, use gamma_ratio from -1 to 1."
     )
 
 
@@ -118,7 +118,7 @@ _SHAPES = ("beta", "gamma", "gamma_ratio")
 
 
 def _fixed_shapes(model: object) -> dict[str, np.ndarray]:
-    """Fixed ones among β, γ and γ/β, by name; numbered where storeys differ."""
+    """Return the fixed values of β, γ and γ/β by name; names are numbered if storeys differ."""
     fixed = {}
     for name in _SHAPES:
         value = getattr(model, name, None)
@@ -139,7 +139,7 @@ def _unstable_share_of(spring: str, values: Mapping[str, np.ndarray]) -> float:
 
 
 def _plain(name: str) -> str:
-    """Name without the storey number."""
+    """Return a name without the storey number."""
     base, _, number = name.rpartition("_")
     return base if number.isdigit() else name
 

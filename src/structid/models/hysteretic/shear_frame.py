@@ -52,9 +52,9 @@ STOREY_PARAMETERS = (
     "delta_psi",
     "lambda_",
 )
-"""Parameters of every storey; `stiffness` names all storeys' at once, `stiffness_2` the second's."""
+"""Parameters of every storey; `stiffness` means the stiffness of all storeys, `stiffness_2` of the second storey only."""
 MOST_STOREYS = 200
-"""Largest number of storeys; a mistyped number would fill the memory with names."""
+"""Largest number of storeys, since a mistyped large number would fill the memory with names."""
 
 STOREY_CHANNELS = (
     "displacement",
@@ -68,7 +68,7 @@ STOREY_CHANNELS = (
     "elastic_energy",
     "absorbed_energy",
 )
-"""Channels of every storey: ``drift_2`` is the second storey's; the restoring force is the storey shear."""
+"""Channels of every storey: ``drift_2`` belongs to the second storey; the restoring force is the storey shear."""
 
 Storeys = float | Sequence[float] | None
 
@@ -84,12 +84,12 @@ class ShearFrame(TraceableModel):
         z_j′ = the Bouc-Wen-Baber-Noori law of d_j′, degrading with e_h,j
         e_h,j′ = (1 − α_j) k_j/m_j z_j d_j′                                    (energy per mass of that storey)
 
-    C is the modal damping matrix C = M^½ 2ζ (M^(−½) K M^(−½))^½ M^½, in which every mode has ζ, or Rayleigh's a M + b K
-    with ζ at the first mode and at `rayleigh_mode`; both of the initial stiffness. With one storey it is `BoucWen`.
+    C is either the modal damping matrix C = M^½ 2ζ (M^(−½) K M^(−½))^½ M^½, in which every mode has ζ, or Rayleigh damping
+    a M + b K with ζ in the first mode and in `rayleigh_mode`. Both use the initial stiffness. One storey equals `BoucWen`.
 
-    Every storey parameter is a number for all storeys or a sequence from the ground up. In `free`, a plain name
-    (``"stiffness"``) is one value for all storeys, a numbered one (``"stiffness_2"``) that storey's alone, over whatever
-    else is given.
+    Every storey parameter is one number for all storeys, or a sequence from the ground up. In `free`, a plain name
+    (``"stiffness"``) means one value for all storeys. A numbered name (``"stiffness_2"``) means this storey only, and
+    overrides any other value.
 
     Parameters
     ----------
@@ -98,19 +98,19 @@ class ShearFrame(TraceableModel):
     mass, stiffness : float or sequence
         Floor masses [kg] and initial storey stiffnesses [N/m].
     alpha, beta, gamma, gamma_ratio, exponent, amplitude : float or sequence
-        Law of the springs, as for `BoucWen`; exactly one of gamma, gamma_ratio.
+        Hysteretic law of the springs, see `BoucWen`; give exactly one of gamma and gamma_ratio.
     delta_a, delta_nu, delta_eta, zeta0, p, q, psi0, delta_psi, lambda_ : float or sequence
-        Degradation and pinching, as for `BoucWen`; none by default.
+        Degradation and pinching, see `BoucWen`; none by default.
     damping_ratio : float
         ζ.
     damping : {"modal", "rayleigh"} or ndarray, shape (storey, storey)
         Kind of damping matrix, or the matrix itself [N s/m].
     rayleigh_mode : int
-        The second mode with ζ, 3 by default, or the last if there are fewer.
+        The second mode with ζ: 3 by default, or the last mode if there are fewer.
     free : sequence of str
-        Parameters that are given with every run, in the order of its columns; ``damping_ratio`` may be one.
+        Names of the parameters given with every run, in the order of the columns; ``damping_ratio`` is also allowed.
     channels : sequence of str
-        What to record, such as ``"displacement_3"``, ``"drift_1"``, ``"base_shear"``.
+        Channels to record, such as ``"displacement_3"``, ``"drift_1"``, ``"base_shear"``.
     substeps : int
         Runge-Kutta steps per sample.
 
@@ -152,9 +152,9 @@ class ShearFrame(TraceableModel):
 
     def __post_init__(self) -> None:
         if not (isinstance(self.storeys, (int, np.integer)) and 1 <= self.storeys <= MOST_STOREYS):
-            raise InputError("ShearFrame.storeys", f"{self.storeys!r}", f"a whole number, 1 to {MOST_STOREYS}")
+            raise InputError("ShearFrame.storeys", f"{self.storeys!r}", f"a whole number from 1 to {MOST_STOREYS}")
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
-            raise InputError("ShearFrame.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
+            raise InputError("ShearFrame.substeps", f"{self.substeps!r}", "a whole number of 1 or more")
         names = ("damping_ratio", *STOREY_PARAMETERS, *(f"{n}_{j}" for n in STOREY_PARAMETERS for j in self._numbers))
         object.__setattr__(self, "free", check_free("ShearFrame", self.free, names))
         channels = ("base_shear", *(f"{c}_{j}" for c in STOREY_CHANNELS for j in self._numbers))
@@ -177,7 +177,7 @@ class ShearFrame(TraceableModel):
         return range(1, self.storeys + 1)
 
     def _per_storey(self, name: str, value: Storeys) -> float | tuple[float, ...] | None:
-        """Return one float if all storeys share it (terms fixed at zero can then be omitted), else a tuple."""
+        """Return one float if all storeys share the value (terms fixed at zero can then be omitted), otherwise a tuple."""
         if value is None:
             return None
         given = [value] * self.storeys if np.ndim(value) == 0 else list(value)  # type: ignore[arg-type]
@@ -189,7 +189,7 @@ class ShearFrame(TraceableModel):
         if name == "zeta0" and max(values) >= 1.0:
             raise InputError("ShearFrame.zeta0", f"{max(values):g}", "numbers below 1")
         if len(values) != self.storeys or not np.isfinite(values).all():
-            raise InputError(f"ShearFrame.{name}", f"{list(values)}", f"one finite number, or {self.storeys} of them")
+            raise InputError(f"ShearFrame.{name}", f"{list(values)}", f"one finite number, or {self.storeys} numbers")
         return values[0] if len(set(values)) == 1 else values
 
     def _given(self, name: str) -> bool:
@@ -201,7 +201,7 @@ class ShearFrame(TraceableModel):
         numbered = [n for n in self.free if n in {f"{name}_{j}" for j in self._numbers}]
         if numbered and not self._given(name):
             raise InputError(
-                f"ShearFrame.{name}", f"only {', '.join(numbered)} free", "a value or a prior for every storey"
+                f"ShearFrame.{name}", f"only {', '.join(numbered)} is free", "a value or a prior for every storey"
             )
 
     def _check_complete(self) -> None:
@@ -214,7 +214,7 @@ class ShearFrame(TraceableModel):
         if self._named("gamma") == self._named("gamma_ratio"):
             raise InputError(
                 "ShearFrame.gamma",
-                "both or neither of gamma and gamma_ratio",
+                "both or neither of gamma and gamma_ratio are given",
                 "exactly one of the two, for all storeys",
             )
         for name in STOREY_PARAMETERS:
@@ -224,20 +224,20 @@ class ShearFrame(TraceableModel):
             raise InputError(
                 "ShearFrame pinching",
                 "zeta0 without p, psi0 and lambda_",
-                "positive p, psi0 and lambda_ wherever zeta0 is not 0",
+                "positive p, psi0 and lambda_ if zeta0 is not 0",
             )
         if self.rayleigh_mode < 1:
-            raise InputError("ShearFrame.rayleigh_mode", f"{self.rayleigh_mode}", "1 or more")
+            raise InputError("ShearFrame.rayleigh_mode", f"{self.rayleigh_mode}", "a mode number of 1 or more")
 
     def _named(self, name: str) -> bool:
-        """Whether a parameter is given, for all storeys or for one."""
+        """Whether a parameter is given, for all storeys or for one storey."""
         names = {name, *(f"{name}_{j}" for j in self._numbers)}
         return getattr(self, name) is not None or bool(names & set(self.free))
 
     # --- response -----------------------------------------------------------------------------------------------
 
     def _values(self, theta: Any) -> dict[str, Any]:
-        """Every parameter by name: a float where it is fixed and alike, else an array (storey, run) or (storey, 1)."""
+        """Return every parameter by name: a float if fixed and equal in all storeys, else an array (storey, run) or (storey, 1)."""
         column = {name: theta[:, i] for i, name in enumerate(self.free)}
         values: dict[str, Any] = {}
         for name in STOREY_PARAMETERS:
@@ -258,12 +258,12 @@ class ShearFrame(TraceableModel):
         return values
 
     def storey_values(self) -> dict[str, float | np.ndarray]:
-        """Every parameter of the storeys.
+        """Return every parameter of the storeys.
 
         Returns
         -------
         dict of str to float or ndarray, shape (storey,)
-            In SI, a number where all storeys share it; γ and not its ratio to β.
+            Values in SI; one number if all storeys share the value. γ is given instead of its ratio to β.
 
         Raises
         ------
@@ -271,29 +271,29 @@ class ShearFrame(TraceableModel):
             If a parameter is free.
         """
         if self.free:
-            raise InputError("ShearFrame", f"{', '.join(self.free)} free", "a frame whose parameters are numbers")
+            raise InputError("ShearFrame", f"free parameters: {', '.join(self.free)}", "a frame with fixed parameters")
         values = self._values(np.zeros((1, 0)))
         return {n: v if isinstance(v, float) else np.ravel(v) for n, v in values.items() if v is not None}
 
     def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
-        """Give the lowest of the initial stiffnesses; see `Model.natural_frequency`."""
+        """Return the lowest frequency of the initial stiffness; see `Model.natural_frequency`."""
         values, shape = self._values(theta), (self.storeys, len(theta))
         mass, stiffness = (np.broadcast_to(values[name], shape).T for name in ("mass", "stiffness"))
         return np.array([_frequencies(k, m)[0] for k, m in zip(stiffness, mass, strict=True)])
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
-        """Give yield drift and yield force of every storey; see `Model.derived_quantities`."""
+        """Return yield drift and yield force of every storey; see `Model.derived_quantities`."""
         shape = (self.storeys, len(theta))
         drift, force = (np.broadcast_to(v, shape) for v in yield_point(self._values(theta)))
         quantities = {f"yield drift of storey {j}": DerivedQuantity(drift[j - 1], "mm") for j in self._numbers}
         return quantities | {f"yield force of storey {j}": DerivedQuantity(force[j - 1], "kN") for j in self._numbers}
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`."""
+        """Refuse priors with a wrong unit or with unphysical values; see `Model.check_priors`."""
         check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse several signals at once, and an imposed displacement."""
+        """Refuse several signals at once, and imposed displacements."""
         check_one_signal("ShearFrame", excitation)
         if excitation.kind == "displacement":
             raise InputError(
@@ -301,7 +301,7 @@ class ShearFrame(TraceableModel):
             )
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`."""
+        """Return the loop over the record; see `TraceableModel.time_loop`."""
         equations = FrameEquations(
             self.storeys,
             self.channels,
@@ -311,7 +311,7 @@ class ShearFrame(TraceableModel):
             damping=self.damping,
             rayleigh_mode=self.rayleigh_mode,
         )
-        # Zero times a column, so that the state varies over the runs as the parameters do.
+        # Zero times a column gives the state the run axis of the parameters.
         zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
         return runge_kutta_loop(
             equations.rate,
@@ -326,7 +326,7 @@ class ShearFrame(TraceableModel):
 
     @property
     def content_hash(self) -> str:
-        """Hash of every setting."""
+        """Hash of all settings."""
         settings = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "damping"}
         return digest(
             "ShearFrame", settings, np.asarray(self.damping) if not isinstance(self.damping, str) else self.damping
@@ -339,20 +339,20 @@ class ShearFrame(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return "shear frame"
 
     def recording(self, *channels: str) -> ShearFrame:
-        """Return this frame with other channels."""
+        """Return a copy of this frame that records other channels."""
         return replace(self, channels=channels)
 
     def frequencies(self) -> np.ndarray:
-        """Natural frequencies of the initial stiffness.
+        """Compute the natural frequencies for the initial stiffness.
 
         Returns
         -------
         ndarray, shape (storey,)
-            [Hz], rising.
+            Frequencies [Hz] in ascending order.
 
         Raises
         ------
@@ -362,7 +362,7 @@ class ShearFrame(TraceableModel):
         loose = [n for n in self.free if n.startswith(("mass", "stiffness"))]
         if loose:
             raise InputError(
-                "ShearFrame.frequencies", f"{', '.join(loose)} free", "a frame whose masses and stiffnesses are numbers"
+                "ShearFrame.frequencies", f"free parameters: {', '.join(loose)}", "fixed masses and stiffnesses"
             )
         mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
@@ -376,20 +376,20 @@ class ShearFrame(TraceableModel):
 
 
 def _frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Natural frequencies [Hz] of storeys of these stiffnesses and floor masses, ascending."""
+    """Return the natural frequencies [Hz] for storey stiffnesses and floor masses, in ascending order."""
     matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
     return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
 
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
     """All parameter names of a frame."""
-    storeys = min(given["storeys"], MOST_STOREYS)  # more are refused where the frame is made
+    storeys = min(given["storeys"], MOST_STOREYS)  # the constructor of the frame refuses more storeys
     numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, storeys + 1)]
     return ["damping_ratio", *STOREY_PARAMETERS, *numbered]
 
 
 def _per_storey(unit: str) -> Any:
-    """Type of one number for all storeys, or one for each."""
+    """Type of one number for all storeys, or one number for each storey."""
     one: Any = quantity(unit)
     return one | tuple.__class_getitem__((one, ...))
 

@@ -1,4 +1,4 @@
-"""Yield point of a hysteretic spring from stiffness, β, γ and n."""
+"""Yield point of a hysteretic spring, from stiffness, β, γ and n."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def yield_point(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Corner of a spring's first loading, where the lines of its initial and final stiffness meet.
+    """Return the yield point of a spring's first loading, where the lines of initial and final stiffness meet.
 
     u_y = z_u/A₀,   z_u = [A₀/(β+γ)]^(1/n)                             [3.10, without degradation]
     F_y = [α + (1−α) A₀] k_i u_y

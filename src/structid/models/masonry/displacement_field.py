@@ -1,4 +1,4 @@
-"""Displacements on a regular grid, as digital image correlation measures them, and their strains."""
+"""Displacements on a regular grid, as measured by digital image correlation, and their strains."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ("x", "y", "ux", "uy")
-"""Columns of a table or datasets of an HDF5 file; ``time`` is optional."""
+"""Required columns of a table, or datasets of an HDF5 file; ``time`` is optional."""
 
 
 def von_mises_strain(strain_x: Any, strain_y: Any, shear: Any) -> Any:
-    """Von Mises strain in the plane, ε_v = √(ε_x² − ε_x ε_y + ε_y² + ¾ γ_xy²).
+    """Compute the von Mises strain in the plane, ε_v = √(ε_x² − ε_x ε_y + ε_y² + ¾ γ_xy²).
 
-    It equals √(ε₁² − ε₁ ε₂ + ε₂²) of the principal strains; for a stretched bar it is the axial strain.
+    In principal strains it is √(ε₁² − ε₁ ε₂ + ε₂²). For a stretched bar it is the axial strain.
     """
     return np.sqrt(strain_x**2 - strain_x * strain_y + strain_y**2 + 0.75 * shear**2)
 
@@ -32,18 +32,18 @@ def von_mises_strain(strain_x: Any, strain_y: Any, shear: Any) -> Any:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
-    """Displacements on a regular grid at some instants.
+    """Displacements on a regular grid at several instants.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Instants [s].
     x : ndarray, shape (column,)
-        [m], rising.
+        Coordinates of the columns [m], increasing.
     y : ndarray, shape (row,)
-        [m], rising.
+        Coordinates of the rows [m], increasing.
     ux, uy : ndarray, shape (time, row, column)
-        [m]; NaN where nothing was measured, as in an opening.
+        Displacements [m]; NaN without a measurement, such as in an opening.
 
     Examples
     --------
@@ -70,29 +70,29 @@ class DisplacementField:
                     f"DisplacementField.{name}", f"shape {getattr(self, name).shape}", f"(time, row, column) = {shape}"
                 )
         if min(shape[1:]) < 2:
-            raise InputError("DisplacementField", f"{shape[1]} rows and {shape[2]} columns", "two or more of each")
+            raise InputError("DisplacementField", f"{shape[1]} rows and {shape[2]} columns", "at least two of each")
         for name in ("x", "y"):
             steps = np.diff(getattr(self, name))
             if not (steps > 0.0).all():
-                raise InputError(f"DisplacementField.{name}", "places that do not rise", "rising places")
+                raise InputError(f"DisplacementField.{name}", "not increasing", "increasing coordinates")
 
     @classmethod
     @check_arguments
     def read(cls, path: str | os.PathLike[str], length_unit: str = "m") -> DisplacementField:
-        """Read a field.
+        """Read a displacement field.
 
         Parameters
         ----------
         path : path-like
-            A table in a text file, with the columns ``x``, ``y``, ``ux``, ``uy`` and, for several instants, ``time``, named in
-            its first line; or an HDF5 file with datasets of these names, ``ux`` and ``uy`` of shape (time, row, column).
+            A table in a text file, with the column names ``x``, ``y``, ``ux``, ``uy`` and, for several instants, ``time`` in the
+            first line. Or an HDF5 file with datasets of these names; ``ux`` and ``uy`` have shape (time, row, column).
         length_unit : str
-            Of places and displacements. Times are in seconds.
+            Unit of coordinates and displacements. Times are in seconds.
 
         Returns
         -------
         DisplacementField
-            Points of the grid that a table leaves out are NaN.
+            The field; grid points that are missing in a table are NaN.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class DisplacementField:
         return _of_hdf5(file, unit) if h5py.is_hdf5(file) else _of_table(file, unit)
 
     def strains(self, instant: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Small strains at an instant, by differences between neighbouring points.
+        """Compute small strains at an instant from differences between neighbouring points.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class DisplacementField:
         Returns
         -------
         tuple of ndarray, shape (row − 1, column − 1)
-            ε_x, ε_y and γ_xy in the middle of every cell of four points. Across an open joint it is the jump over the grid's step.
+            ε_x, ε_y, γ_xy in the middle of every cell of four points. Across an open joint: the jump divided by the grid step.
         """
 
         def slopes(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,7 +128,7 @@ class DisplacementField:
         return ux_x, uy_y, ux_y + uy_x
 
     def von_mises(self, instant: int) -> np.ndarray:
-        """Von Mises' strain at an instant; see `von_mises_strain`.
+        """Compute the von Mises strain at an instant; see `von_mises_strain`.
 
         Parameters
         ----------
@@ -138,17 +138,17 @@ class DisplacementField:
         Returns
         -------
         ndarray, shape (row − 1, column − 1)
-            In the middle of every cell of four points.
+            Strain in the middle of every cell of four points.
         """
         return np.asarray(von_mises_strain(*self.strains(instant)))
 
     def plot(self, instants: list[int] | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw maps of von Mises' strain.
+        """Draw maps of the von Mises strain.
 
         Parameters
         ----------
         instants : list of int, optional
-            Numbers of the instants; all of them when left out.
+            Indices of the instants; all instants by default.
         save : path-like, optional
             File name without extension; a PNG and a PDF are written.
 
@@ -186,13 +186,13 @@ def _of_table(file: Path, unit: float) -> DisplacementField:
                 f"{file}", f"{cause}", "numbers separated by commas or semicolons below the names"
             ) from None
     if rows.ndim != 2 or rows.shape[1] != len(names):
-        raise InputError(f"{file}", "rows of different lengths, or none", f"{len(names)} numbers in each")
+        raise InputError(f"{file}", "rows of different lengths, or no rows", f"rows of {len(names)} numbers")
     columns = dict(zip(names, rows.T, strict=True))
     times, instant = np.unique(columns.get("time", np.zeros(len(rows))), return_inverse=True)
     (x, column), (y, row) = (np.unique(columns[name] * unit, return_inverse=True) for name in ("x", "y"))
     index = (instant, row, column)
     if len(np.unique(np.stack(index), axis=1).T) < len(rows):
-        raise InputError(f"{file}", "a point that is given twice at one time", "each point once at each time")
+        raise InputError(f"{file}", "a point is given twice at one time", "each point once at each time")
     fields = np.full((2, len(times), len(y), len(x)), np.nan)
     for number, name in enumerate(("ux", "uy")):
         fields[number][index] = columns[name] * unit
@@ -203,5 +203,5 @@ def _refuse_missing(file: Path, names: set[str]) -> None:
     missing = [name for name in COLUMNS if name not in names]
     if missing:
         raise InputError(
-            f"{file}", f"no {', '.join(missing)} among {', '.join(sorted(names)) or 'nothing'}", ", ".join(COLUMNS)
+            f"{file}", f"no {', '.join(missing)} among {', '.join(sorted(names)) or 'no names'}", ", ".join(COLUMNS)
         )

@@ -41,58 +41,58 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WATCHED = ("support_lost", "weakest_joint")
-"""Channels that show whether a run is valid."""
+"""Channels that determine whether a run is valid."""
 CUTS = (4, 16, 64)
-"""Numbers of parts of a step with which a run is repeated where its joints find no equilibrium."""
+"""Numbers of parts of a step with which a run is repeated if no equilibrium of its joints is found."""
 MOST_BLOCKS_IN_LANES = 40
-"""Larger walls are run one at a time with sparse factorisation: tables and compile time grow with the wall."""
+"""Largest wall for compiled vector code, whose compile time grows with the wall; larger walls use sparse factorisation."""
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class MasonryWall(TraceableModel):
-    """Wall of linear plane-stress blocks, cohesive mortar joints and a loading beam, on a moving base.
+    """A wall of linear plane-stress blocks, cohesive mortar joints and a loading beam, on a moving base.
 
     ::
 
         M u″ + C u′ + f(u) = p − M ι a_g,    C = a₀ M + a₁ K
 
-    The vertical load p is applied first. K is the symmetric part of the tangent of the loaded wall, and a₀, a₁ give its modes 1
-    and 3 the damping ratio ζ. Joints obey one of the laws of `structid.mechanics.cohesive_laws`. Displacements are small. Average
-    acceleration with Newton iterations at every step.
+    The vertical load p is applied first. K is the symmetric part of the tangent of the loaded wall, and a₀, a₁ give modes 1 and 3
+    the damping ratio ζ. Joints follow a law of `structid.mechanics.cohesive_laws`. Displacements are small. Every step uses
+    average acceleration with Newton iterations.
 
     Parameters
     ----------
     normal_energy, tangential_energy : float, optional
-        Works of separation φ_n and of sliding φ_t [N/m].
+        Works of separation φ_n and sliding φ_t [N/m].
     normal_strength, tangential_strength : float, optional
         σ_max and τ_max [Pa].
     joint_law : {"smc-np2", "damage-friction"}
-        SMC in separation and NP2 in over-closure, without a memory; or SMC with damage, contact and friction.
+        SMC in separation and NP2 in over-closure, without memory; or SMC with damage, contact and friction.
     friction : float
-        μ of the second one.
+        Friction coefficient μ of ``"damage-friction"``.
     damping_ratio : float
         ζ.
     wall : Wall
-        Geometry and courses; the source's façade by default.
+        Geometry and courses; by default the façade of the thesis.
     masonry : Masonry
         Materials and loads.
     characteristic_length : {"exponential", "xu-needleman"}
-        δ_t = φ_t / (τ_max e), with which the work of sliding is φ_t; or the printed φ_t / (τ_max √(e/2)).
+        δ_t = φ_t / (τ_max e), for which the work of sliding is φ_t; or the published φ_t / (τ_max √(e/2)).
     joint_points : {"ends", "gauss"}
-        Where the two joints of a line are.
+        Positions of the two joints on a line.
     base_joint : bool
-        Whether the wall stands on joints, or its lowest nodes are fixed.
+        Whether the wall stands on joints; otherwise its lowest nodes are fixed.
     step : float
         Longest integration step [s].
     free : sequence of str
-        Parameters that are given with every run, in the order of its columns.
+        Names of the parameters that are given with every run, in the order of the columns.
     channels : sequence of str
-        What to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …; ``"drift"`` (of the top left corner from
+        Channels to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …; ``"drift"`` (of the top left corner from
         rest), ``"base_shear"``, ``"largest_opening"``, ``"largest_slip"``, ``"largest_penetration"``; ``"support_lost"``, which
-        is 1 where a bed joint has slid by half its length or opened by half a block, and ``"weakest_joint"``, its number in
-        ``mesh.joints``; and the energies ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``, ``"damping_energy"``,
-        ``"input_energy"`` and ``"load_energy"``.
+        is 1 once a bed joint has slid by half its length or opened by half a block; ``"weakest_joint"``, the number of this
+        joint in ``mesh.joints``; and the energies ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``,
+        ``"damping_energy"``, ``"input_energy"`` and ``"load_energy"``.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class MasonryWall(TraceableModel):
             value = getattr(self, name)
             if name in self.free and value is not None and name not in OPTIONAL:
                 raise InputError(
-                    f"MasonryWall.{name}", "it has a value and is free as well", "one of the two", "Remove one."
+                    f"MasonryWall.{name}", "it has a value and is also free", "one of the two", "Remove one."
                 )
             if name not in self.free:
                 check_value(name, value)
@@ -143,13 +143,13 @@ class MasonryWall(TraceableModel):
 
     @cached_property
     def condensed(self) -> Condensed:
-        """The equations of motion, condensed to the jumps of the joints."""
+        """Equations of motion, condensed to the jumps of the joints."""
         return Condensed(Assembly(self.mesh, self.masonry), JOINT_LAWS[self.joint_law])
 
     # --- response -----------------------------------------------------------------------------------------------
 
     def _values(self, theta: Any) -> dict[str, Any]:
-        """Every parameter by name: floats where fixed, arrays over runs where free."""
+        """Return every parameter by name: floats for fixed parameters, arrays over runs for free parameters."""
         values = {name: getattr(self, name) for name in PARAMETER_UNITS}
         return values | {name: theta[:, i] for i, name in enumerate(self.free)}
 
@@ -164,7 +164,7 @@ class MasonryWall(TraceableModel):
         )
 
     def static_force(self, theta: Any) -> StaticWall:
-        """Give the wall under a rigid beam in the place of its bars; see `TraceableModel.static_force`."""
+        """Return the wall with a rigid beam instead of its bars; see `TraceableModel.static_force`."""
         return StaticWall(self._beamed, self._law(self._values(theta)), theta.shape[0])
 
     @cached_property
@@ -172,7 +172,7 @@ class MasonryWall(TraceableModel):
         return BeamedWall(self.mesh, self.masonry, JOINT_LAWS[self.joint_law])
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Give the loop over the record; see `TraceableModel.time_loop`."""
+        """Return the loop over the record; see `TraceableModel.time_loop`."""
         values, runs, stages = self._values(theta), theta.shape[0], excitation.stages
         law, dt = self._law(values), excitation.dt / stages.shape[1]
         at_rest = loaded(self.condensed, law, runs, values["damping_ratio"])
@@ -201,8 +201,8 @@ class MasonryWall(TraceableModel):
     ) -> Histories:
         """Run rows of parameters; see `TraceableModel.run`.
 
-        A run whose joints find no equilibrium in a step is done again in shorter steps, down to a 64th. A run in which a bed joint
-        loses what lies on it has failed as a structure, from there on.
+        If no equilibrium of the joints is found in a step, the run is repeated with shorter steps, down to a 64th. If a bed joint
+        loses its support, the structure has failed from this time on.
         """
         watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
@@ -219,13 +219,13 @@ class MasonryWall(TraceableModel):
 
     @cached_property
     def _watched(self) -> MasonryWall:
-        """The same wall that also records the channels by which runs are checked; cached with its compiled code."""
+        """Copy of the wall that also records the channels for the check of runs; it is cached with its compiled code."""
         return replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
 
     def _one_by_one(
         self, theta: np.ndarray, excitation: Excitation, channels: tuple[str, ...], progress: Progress | None
     ) -> Histories:
-        """Runs of a wall with too many blocks for lanes."""
+        """Compute runs of a wall with too many blocks for compiled vector code."""
         values = [self._values(row[None]) for row in theta]
         of_runs = [{name: float(np.ravel(value)[0]) for name, value in of_run.items()} for of_run in values]
         laws = [(self._law(of_run), of_run["damping_ratio"]) for of_run in of_runs]
@@ -239,24 +239,24 @@ class MasonryWall(TraceableModel):
 
     @check_arguments
     def film(self, excitation: Excitation, theta: np.ndarray | None = None) -> WallFilm:
-        """Follow every node of the wall through one run.
+        """Compute the motion of every node of the wall in one run.
 
         Parameters
         ----------
         excitation : Excitation
             A ground motion.
         theta : ndarray, shape (parameter,), optional
-            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+            Parameters in SI, in the order of `free`; optional if no parameter is free.
 
         Returns
         -------
         WallFilm
-            As far as the run goes.
+            Motion up to the end of the run.
 
         Raises
         ------
         InputError
-            If the wall finds no equilibrium at rest.
+            If no equilibrium of the wall at rest is found.
         """
         mesh = self.mesh
         moving = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.fixed)
@@ -265,15 +265,13 @@ class MasonryWall(TraceableModel):
         histories = self.recording("drift", "base_shear", *points).simulate(row, excitation)
         values = histories.values[0, np.isfinite(histories.values[0]).all(axis=1)]
         if not len(values):
-            raise InputError(
-                "MasonryWall.film", f"a run that never began: {histories.reasons[0]}", "a wall that stands"
-            )
+            raise InputError("MasonryWall.film", f"the run failed: {histories.reasons[0]}", "a wall in equilibrium")
         displacements = np.zeros((len(values), len(mesh.nodes), 2))
         displacements[:, moving] = values[:, 2:].reshape(len(values), -1, 2)
         return WallFilm(mesh, excitation.dt, displacements, values[:, 0], values[:, 1])
 
     def pictures(self, theta: np.ndarray, excitation: Excitation) -> list[ModelPicture]:
-        """Pictures of the wall in one run; see `Model.pictures`."""
+        """Return pictures of the wall in one run; see `Model.pictures`."""
         return pictures_of(self.plot, cache(lambda: self.film(excitation, theta)))
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
@@ -287,46 +285,46 @@ class MasonryWall(TraceableModel):
         Returns
         -------
         Figure
-            One panel.
+            Figure with one panel.
         """
         return drawn_mesh(self.condensed.assembly, self.channels, save)
 
     def plot_joint(self, theta: np.ndarray | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the law of the joints: traction against opening and against slip, with an unloading (the thesis's figure 5.1).
+        """Draw the joint law: traction against opening and against slip, with an unloading (figure 5.1 of the thesis).
 
         Parameters
         ----------
         theta : ndarray, shape (parameter,), optional
-            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+            Parameters in SI, in the order of `free`; optional if no parameter is free.
         save : path-like, optional
             File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         Figure
-            Two panels.
+            Figure with two panels.
         """
         row = np.zeros((1, 0)) if theta is None else self.parameters(np.atleast_2d(theta))
         return drawn_joint(self._law(self._values(row)), JOINT_LAWS[self.joint_law], save)
 
-    # --- what others ask ----------------------------------------------------------------------------------------
+    # --- model interface ----------------------------------------------------------------------------------------
 
     @property
     def loop_channels(self) -> dict[str, tuple[str, str, str]]:
-        """Drift, base shear and the work of the joints."""
+        """Channel names of drift, base shear and the work of the joints."""
         return {"": ("drift", "base_shear", "joint_energy")}
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return "masonry wall"
 
     def recording(self, *channels: str) -> MasonryWall:
-        """Return this wall with other channels."""
+        """Return a copy of this wall that records other channels."""
         return replace(self, channels=channels)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse anything but a ground motion."""
+        """Refuse any excitation except a ground motion."""
         check_one_signal("MasonryWall", excitation)
         if excitation.kind != "ground_motion":
             raise InputError("MasonryWall", f"a {excitation.kind}", "a GroundMotion")
@@ -336,21 +334,21 @@ class MasonryWall(TraceableModel):
             )
 
     def check_priors(self, space: ParameterSpace) -> None:
-        """Refuse priors in another unit, or of values that are not positive; see `Model.check_priors`."""
+        """Refuse priors with a wrong unit or with values that are not positive; see `Model.check_priors`."""
         check_priors_of(self.free, space)
 
     @property
     def content_hash(self) -> str:
-        """Hash of every setting."""
+        """Hash of all settings."""
         return digest("MasonryWall", {f.name: repr(getattr(self, f.name)) for f in fields(self)})
 
     def frequencies(self) -> np.ndarray:
-        """Natural frequencies of the loaded wall.
+        """Compute the natural frequencies of the loaded wall.
 
         Returns
         -------
         ndarray, shape (dof,)
-            [Hz], from the lowest.
+            Frequencies [Hz] in ascending order.
 
         Raises
         ------
@@ -359,7 +357,7 @@ class MasonryWall(TraceableModel):
         """
         if self.free:
             raise InputError(
-                "MasonryWall.frequencies", f"{', '.join(self.free)} free", "a wall whose joints are numbers"
+                "MasonryWall.frequencies", f"free parameters: {', '.join(self.free)}", "fixed joint parameters"
             )
         return frequencies(self.condensed, self._law(self._values(np.zeros((1, 0)))))
 

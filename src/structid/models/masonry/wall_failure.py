@@ -1,4 +1,4 @@
-"""How a run of a wall ends early: joints without equilibrium, and joints that lose their support."""
+"""Causes of the early end of a run of a wall: joints without equilibrium, and joints that lose their support."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.models.masonry.finite_elements.mesh import Mesh
 
 
 def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histories:
-    """Replace runs by their repetitions where these went further."""
+    """Replace runs by their repetitions if these got further."""
     further = again.done | (np.nan_to_num(again.failure_time) > all_runs.failure_time[rows])
     values, status, time = all_runs.values.copy(), all_runs.status.copy(), all_runs.failure_time.copy()
     reasons = list(all_runs.reasons)
@@ -24,7 +24,7 @@ def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histor
 
 
 def name_failures(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, ...]) -> Histories:
-    """Add to every run that ended early its reason, and drop the channels recorded for checks only."""
+    """Add the reason to every run that ended early, and remove channels recorded only for checks."""
     lost, weakest = found.channel("support_lost"), found.channel("weakest_joint")
     values = found.values[:, :, [found.channels.index(c) for c in channels]].copy()
     status, time, reasons = found.status.copy(), found.failure_time.copy(), list(found.reasons)
@@ -34,7 +34,7 @@ def name_failures(found: Histories, mesh: Mesh, shortest: float, channels: tuple
         if gone.any():
             at = int(np.argmax(gone))
             status[run], time[run] = Status.STRUCTURE_FAILED, at * found.dt
-            reasons[run] = f"the joint {_name(mesh, weakest[run, at])} lost what lies on it at {time[run]:g} s"
+            reasons[run] = f"the joint {_name(mesh, weakest[run, at])} lost its support at {time[run]:g} s"
             values[run, at:] = np.nan
         else:
             at = int(good.sum()) - 1
@@ -42,7 +42,7 @@ def name_failures(found: Histories, mesh: Mesh, shortest: float, channels: tuple
                 "no equilibrium was found under the vertical load"
                 if at < 0
                 else (
-                    f"the joints found no equilibrium from {time[run]:g} s on, in steps of {1e3 * shortest:.2g} ms; the joint "
+                    f"no equilibrium was found from {time[run]:g} s on, in steps of {1e3 * shortest:.2g} ms; the joint "
                     f"{_name(mesh, weakest[run, at])} had lost most of its support ({lost[run, at]:.0%})"
                 )
             )

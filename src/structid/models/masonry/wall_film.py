@@ -1,4 +1,4 @@
-"""Motion of a whole wall in one run: pictures at instants and milestones, film, files."""
+"""Motion of a complete wall in one run: pictures at selected instants, film, files."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MILESTONES = 5
-"""Number of instants shown."""
+"""Number of instants in a picture."""
 GRID = 0.025
-"""Step [m] of the grid on which displacements are evaluated like those of a camera."""
+"""Step [m] of the grid on which displacements are evaluated, as in a camera measurement."""
 
 
 @check_arguments
@@ -35,14 +35,14 @@ class WallFilm:
 
     mesh: Mesh  # The wall
     dt: float  # time step [s]
-    # From the unloaded wall [m]; as far as the run goes
+    # Displacements from the unloaded wall [m], up to the end of the run
     displacements: Float[np.ndarray, "time node 2"] = field(repr=False)
-    drift: Float[np.ndarray, " time"] = field(repr=False)  # of the top left corner from rest [m]
-    base_shear: Float[np.ndarray, " time"] = field(repr=False)  # [N]
+    drift: Float[np.ndarray, " time"] = field(repr=False)  # displacement of the top left corner from rest [m]
+    base_shear: Float[np.ndarray, " time"] = field(repr=False)  # base shear [N]
 
     @property
     def time(self) -> np.ndarray:
-        """[s], shape (time,)."""
+        """Times of the samples [s], shape (time,)."""
         return np.arange(len(self.drift)) * self.dt
 
     @cached_property
@@ -54,7 +54,7 @@ class WallFilm:
     def jumps(self) -> np.ndarray:
         """Opening and slip of every joint [m], shape (time, joint, 2)."""
         ground = np.zeros((len(self.displacements), 1, 2))
-        u = np.concatenate([self.displacements, ground], axis=1)  # the last one is node −1, the ground
+        u = np.concatenate([self.displacements, ground], axis=1)  # the last node is node −1, the ground
         jumps = np.empty((len(u), len(self.mesh.joints), 2))
         for number, joint in enumerate(self.mesh.joints):
             jump = _on_face(u, joint, joint.upper) - _on_face(u, joint, joint.lower)
@@ -63,7 +63,7 @@ class WallFilm:
         return jumps
 
     def milestones(self, count: int = MILESTONES) -> list[int]:
-        """Choose the most informative instants: the largest drift of each swing."""
+        """Select the instants of the largest drift in the largest swings."""
         swings = np.split(np.arange(len(self.drift)), np.flatnonzero(np.diff(np.sign(self.drift))) + 1)
         extremes = [int(s[np.argmax(np.abs(self.drift[s]))]) for s in swings if len(s)]
         extremes = [i for i in extremes if self.drift[i]]
@@ -72,7 +72,7 @@ class WallFilm:
 
     @check_arguments
     def displacement_field(self, instants: Sequence[int] | None = None, step: float = GRID) -> DisplacementField:
-        """Displacements from rest on a regular grid, as a camera sees them."""
+        """Return displacements from rest on a regular grid, as a camera measures them."""
         chosen = self.milestones() if instants is None else list(instants)
         wall, u = self.mesh.wall, self.since_rest[chosen]
         if not 0.0 < step <= min(wall.width, wall.height):
@@ -104,7 +104,7 @@ class WallFilm:
         scale: float | None = None,
         save: str | os.PathLike[str] | None = None,
     ) -> Figure:
-        """Draw the deformed wall with its joints coloured by their opening."""
+        """Draw the deformed wall, with joints coloured by opening."""
         from structid.figures import wall as figures
 
         chosen = self.milestones() if instants is None else list(instants)
@@ -132,12 +132,12 @@ class WallFilm:
     def plot_strains(
         self, instants: Sequence[int] | None = None, step: float = GRID, save: str | os.PathLike[str] | None = None
     ) -> Figure:
-        """Draw maps of von Mises strain as a camera sees it; an open joint is a line of large strain."""
+        """Draw maps of the von Mises strain as a camera measures it; an open joint appears as a line of large strain."""
         return self.displacement_field(instants, step).plot(save=save)
 
     @check_arguments
     def animate(self, path: str | os.PathLike[str], frames: int = 100, per_second: int = 20) -> Path:
-        """Write a film of the deformed wall, with its drift below."""
+        """Write a film of the deformed wall, with the drift below."""
         from structid.figures import wall_film as figures
 
         chosen = np.unique(np.linspace(0, len(self.drift) - 1, frames).round().astype(int))
@@ -156,15 +156,15 @@ class WallFilm:
 
     @check_arguments
     def to_vtu(self, folder: str | os.PathLike[str], instants: Sequence[int] | None = None) -> Path:
-        """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which lists them with their times.
+        """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which lists the files with their times.
 
-        Blocks are quadrilaterals with von Mises' strain in their middle, joints are points with opening and slip.
+        Blocks are quadrilaterals with the von Mises strain at their centres. Joints are points with opening and slip.
         """
         try:
             import meshio
         except ImportError:
             raise InputError(
-                "WallFilm.to_vtu", "meshio is not installed", "the extra 'vtk'", "pip install 'structid[vtk]'."
+                "WallFilm.to_vtu", "meshio is not installed", "the extra 'vtk'", "Run: pip install 'structid[vtk]'."
             ) from None
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -195,12 +195,12 @@ class WallFilm:
         return folder / "wall.pvd"
 
     def _of_joints(self, instant: int) -> np.ndarray:
-        """Displacements of the lower side of every joint from rest [m], shape (joint, 2)."""
+        """Return the displacements of the lower side of every joint from rest [m], shape (joint, 2)."""
         u = np.concatenate([self.since_rest[instant], np.zeros((1, 2))])
         return np.array([_on_face(u, joint, joint.lower) for joint in self.mesh.joints])
 
     def _strain_of_blocks(self, instant: int) -> np.ndarray:
-        """Von Mises strain in the middle of every block, shape (block,)."""
+        """Return the von Mises strain at the centre of every block, shape (block,)."""
         strains = []
         for nodes in self.mesh.blocks:
             b, _ = strain_matrix(self.mesh.nodes[nodes], 0.0, 0.0)
@@ -209,18 +209,18 @@ class WallFilm:
 
 
 def _on_face(u: np.ndarray, joint: Joint, face: tuple[int, int]) -> np.ndarray:
-    """Displacements of one side of a joint, interpolated from its nodes (..., node, 2)."""
+    """Return the displacements of one side of a joint, interpolated from its nodes (..., node, 2)."""
     return np.asarray(joint.weights[0] * u[..., face[0], :] + joint.weights[1] * u[..., face[1], :])
 
 
 def _between(length: float, step: float) -> np.ndarray:
-    """Midpoints of equal parts of a length, none longer than a step."""
+    """Return the midpoints of equal parts of a length, each at most one step long."""
     parts = int(np.ceil(length / step - 1e-9))
     return (np.arange(parts) + 0.5) * length / parts
 
 
 def _faces(mesh: Mesh) -> np.ndarray:
-    """For every joint the block and the two corners of its upper face, shape (joint, 3)."""
+    """Return the block and two corners of the upper face of every joint, shape (joint, 3)."""
     faces = []
     for joint in mesh.joints:
         block = joint.upper[0] // 4

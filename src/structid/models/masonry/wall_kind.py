@@ -1,4 +1,4 @@
-"""A masonry wall in a study file."""
+"""Masonry walls in a study file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from structid.core.errors import InputError
-from structid.core.keys import Fraction, Seconds, Section, quantity
+from structid.core.keys import FileTable, Fraction, Seconds, quantity
 from structid.models.masonry.finite_elements.assembly import Masonry
 from structid.models.masonry.finite_elements.layout import DOOR, FACADE, Opening, Wall
 from structid.models.masonry.masonry_wall import MasonryWall
@@ -17,7 +17,7 @@ from structid.models.model_kind import ModelKind, ModelRequest
 Metres: Any = quantity("m")
 
 
-class OpeningSection(Section):
+class OpeningTable(FileTable):
     """A door or a window; see `Opening`."""
 
     left: Metres
@@ -30,12 +30,12 @@ WALL_KEYS: dict[str, tuple[Any, Any]] = {
     "width": (Metres, 2.7),
     "height": (Metres, 2.6),
     "thickness": (Metres, 0.15),
-    "openings": (tuple[OpeningSection, ...], None),
+    "openings": (tuple[OpeningTable, ...], None),
     "courses": (tuple[int | tuple[int, ...], ...], None),
     "course_height": (Metres, None),
     "block_length": (Metres, None),
 }
-"""Keys of `Wall`. Without openings and courses, those of the thesis's façade apply."""
+"""Keys of `Wall`. The default openings and courses are those of the façade in the thesis."""
 
 MASONRY_KEYS: dict[str, tuple[Any, Any]] = {
     "modulus": (quantity("Pa"), 4.21e9),
@@ -54,7 +54,7 @@ def _wall(given: dict[str, Any]) -> Wall:
     openings = (DOOR,) if sections is None else tuple(Opening(**section) for section in sections)
     size = {name: given[name] for name in ("width", "height", "thickness")}
     if given.get("courses") is not None and given.get("course_height") is not None:
-        raise InputError("keys 'courses' and 'course_height'", "both", "one of the two", "Remove one.")
+        raise InputError("keys 'courses' and 'course_height'", "both are given", "only one of the two", "Remove one.")
     if given.get("course_height") is not None:
         size["course_height"] = given["course_height"]
     other_wall = sections is not None or given.get("course_height") is not None

@@ -1,4 +1,4 @@
-"""Parameters of a wall that may be unknown: their units, and checks of values and priors."""
+"""Parameters of a wall that may be unknown, with their units and checks of values and priors."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def check_value(name: str, value: Any) -> None:
         )
     number = finite_number(where, value)
     if number < 0.0 or (number == 0.0 and name not in OPTIONAL):
-        raise InputError(where, f"{number:g}", "0 or more" if name in OPTIONAL else "a positive number")
+        raise InputError(where, f"{number:g}", "a number of 0 or more" if name in OPTIONAL else "a positive number")
 
 
 def check_priors_of(free: tuple[str, ...], space: ParameterSpace) -> None:
-    """Refuse priors in a wrong unit or with values that are not positive."""
+    """Refuse priors with a wrong unit or with values that are not positive."""
     for name in set(free) & set(space.names):
         if unit := space.marginals[name].unit:
             factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")
     low = np.asarray(space.sample(512, 0, "sobol").columns(free)).min(axis=0, initial=np.inf)
     for name, least in zip(free, low, strict=True):
         if least <= 0.0:
-            cure = "Bound it with low, and check its unit."
+            cure = "Bound the prior with low, and check its unit."
             raise InputError(f"the prior of '{name}'", f"values down to {least:g}", "positive values only", cure)

@@ -1,4 +1,4 @@
-"""Pictures of a wall: its mesh with loads and supports, and those in a report."""
+"""Pictures of a wall: the mesh with loads and supports, and the pictures in a report."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PATH = (0.0, 2.0, 0.0, 6.0)
-"""Jumps along which a joint law is drawn, in characteristic lengths: loading, unloading, reloading."""
+"""Jumps for the drawing of a joint law, in characteristic lengths: loading, unloading, reloading."""
 CLOSURE = 0.6
-"""Initial closure of that joint, in the same unit."""
+"""Initial closure of the drawn joint, in characteristic lengths."""
 PATH_POINTS = 121
-"""Points on each part of that path."""
+"""Number of points on each part of the path."""
 
 FRAMES = 60
-"""Frames of the film in a report."""
+"""Number of frames of the film in a report."""
 
 
 def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.PathLike[str] | None = None) -> Figure:
@@ -34,7 +34,7 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
     from structid.figures import wall as figures
 
     mesh, masonry = assembly.mesh, assembly.masonry
-    loads: dict[tuple[float, float], float] = {}  # neighbouring blocks have their loads at one place
+    loads: dict[tuple[float, float], float] = {}  # loads of neighbouring blocks act at the same point
     for node, share in assembly.beam_shares(everywhere=False):
         point = float(mesh.nodes[node, 0]), float(mesh.nodes[node, 1])
         loads[point] = loads.get(point, 0.0) + 1e-3 * masonry.vertical_load * share
@@ -53,7 +53,7 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
 
 
 def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw tractions of a joint against opening and slip, with one unloading to zero."""
+    """Draw the tractions of a joint against opening and slip, with one unloading to zero."""
     from structid.figures import wall as figures
 
     of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
@@ -74,7 +74,7 @@ def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] 
 
 
 def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tuple[np.ndarray, np.ndarray]:
-    """T_n and T_t [Pa] along a path of jumps, step by step with memory."""
+    """Compute T_n and T_t [Pa] along a path of jumps, step by step with memory."""
     memory, tractions = np.zeros((joint.memories, 1)), []
     for jumps in zip(*np.broadcast_arrays(opening, slip), strict=True):
         at = tuple(np.array([jump]) for jump in jumps)
@@ -86,9 +86,9 @@ def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tu
 
 
 def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:
-    """Pictures of a wall in one run."""
+    """Return the pictures of a wall in one run."""
     at = "at the largest drift of its largest swings"
-    strains = f"Von Mises' strain {at}, as a camera sees it on a grid of {1e3 * GRID:g} mm: a joint that opens or slides is a line."
+    strains = f"Von Mises strain {at}, as a camera measures it on a grid of {1e3 * GRID:g} mm. Open or sliding joints are lines."
     return [
         ModelPicture("wall", "The wall.", plot),
         ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda: film().plot()),

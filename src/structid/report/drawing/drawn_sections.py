@@ -1,4 +1,4 @@
-"""Sections with drawn figures: files in a folder, and their representation on a page."""
+"""Sections with drawn figures: the figure files in a folder, and the figures on a page."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class DrawnPicture:
 
     name: str  # file name
     caption: str  # caption
-    source: str  # the picture itself, as a data URL
-    alternative: str  # description for readers who cannot see it
+    source: str  # content of the picture, as a data URL
+    alternative: str  # description for readers who cannot see the picture
     panels: str  # JSON of the panels from which values can be read; an empty list for a film
-    share: float = 1.0  # width relative to a full figure
+    share: float = 1.0  # width relative to a full-width figure
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class DrawnSection:
     """A section with drawn figures."""
 
     section: Section[Any]
-    pictures: tuple[DrawnPicture, ...]  # Its figures
+    pictures: tuple[DrawnPicture, ...]  # its figures
 
 
 def draw(
     sections: Sequence[Section[Any]], material: Any, folder: Path, progress: Progress | None = None
 ) -> list[DrawnSection]:
-    """Draw all figures of some sections."""
+    """Draw all figures of the sections, and write them to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     steps = [(section, drawing) for section in sections for drawing in section.drawings(material)]
     begun: list[tuple[str, Picture, Future[Rendered] | None]] = []
@@ -79,10 +79,10 @@ def _url(kind: str, content: bytes) -> str:
     return f"data:image/{kind};base64," + base64.b64encode(content).decode()
 
 
-def _in_words(found: Sequence[Panel]) -> str:
-    """Describe the panels of a figure: what is plotted over what."""
-    descriptions = dict.fromkeys(filter(None, map(_of_a_panel, found)))
-    return f"Figure of {len(found)} panel{'s' * (len(found) != 1)}: {'; '.join(descriptions) or 'without names'}."
+def _in_words(panels: Sequence[Panel]) -> str:
+    """Describe the panels of a figure by their titles and axes."""
+    descriptions = dict.fromkeys(filter(None, map(_of_a_panel, panels)))
+    return f"Figure of {len(panels)} panel{'s' * (len(panels) != 1)}: {'; '.join(descriptions) or 'without labels'}."
 
 
 def _of_a_panel(panel: Panel) -> str:

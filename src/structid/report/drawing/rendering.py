@@ -1,6 +1,6 @@
-"""Rendering of figures as SVG in a separate process, while the next ones are computed.
+"""Rendering of figures as SVG in a separate process, while the next figures are computed.
 
-Rendering a page's figures takes half as long as computing them, and matplotlib does both on one core.
+Rendering takes half as long as computing the figures, and matplotlib does both on one core.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Rendered = tuple[str, list[Panel]]
 
 def rendered(figure: Figure) -> Rendered:
     """Render a figure."""
-    drawn = svg(figure)  # which settles where the panels are
+    drawn = svg(figure)  # this also fixes the positions of the panels
     return drawn, panels(figure)
 
 
 class Renderer:
-    """A child process that renders figures one after another; used as a context.
+    """A child process that renders figures one after another; a context manager.
 
-    A figure is sent as a pickle. One that cannot be sent, and all of them if the child has died, are rendered here.
+    A figure is sent as a pickle. This process renders a figure that cannot be pickled, and all figures if the child has died.
     """
 
     def __init__(self) -> None:
@@ -59,10 +59,10 @@ class Renderer:
         return self._thread.submit(self._by_the_child, content)
 
     def end(self, figure: Figure, begun: Future[Rendered]) -> Rendered:
-        """Wait for a picture."""
+        """Wait for a rendered figure."""
         try:
             return begun.result()
-        except Exception:  # whatever went wrong there is said again here, if it is the figure's own fault
+        except Exception:  # an error that the figure itself causes is raised again here
             return rendered(figure)
 
     def _by_the_child(self, content: bytes) -> Rendered:
@@ -74,12 +74,12 @@ class Renderer:
         self._child.stdin.flush()
         answer: Rendered | None = pickle.load(self._child.stdout)
         if answer is None:
-            raise RuntimeError("the figure could not be made into a picture")
+            raise RuntimeError("the figure could not be rendered")
         return answer
 
 
 def _serve(figures: IO[bytes], pictures: IO[bytes]) -> None:
-    """Answer every figure with its picture until there are no more; None for one that cannot be rendered."""
+    """Render every figure that arrives, and return it; None for a figure that cannot be rendered."""
     while True:
         answer: Any = None
         try:
@@ -89,12 +89,12 @@ def _serve(figures: IO[bytes], pictures: IO[bytes]) -> None:
         try:
             answer = rendered(figure)
         except Exception:
-            answer = None  # it is tried again where somebody can be told
+            answer = None  # the parent process tries again, and can report the error
         pickle.dump(answer, pictures)
         pictures.flush()
 
 
 if __name__ == "__main__":
     answers = sys.stdout.buffer
-    sys.stdout = sys.stderr  # nothing else may get between the answers
+    sys.stdout = sys.stderr  # no other output may mix with the answers
     _serve(sys.stdin.buffer, answers)

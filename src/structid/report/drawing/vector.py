@@ -1,4 +1,4 @@
-"""Figures as vector drawings for a page: SVG text, and the positions of its panels, so that values can be read."""
+"""Figures as vector drawings for a page: SVG text, and the positions of the panels for reading values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCALES = ("linear", "log")
-"""Axis scales that allow reading values."""
+"""Axis scales from which the page can read values."""
 
 _SETTINGS = {"svg.fonttype": "path", "svg.hashsalt": "structid", "svg.image_inline": True}
 _PATH = re.compile(r' d="[^"]*"')
@@ -29,16 +29,16 @@ class Panel:
     top: float  # relative to the figure's height
     width: float  # relative to the figure's width
     height: float  # relative to the figure's height
-    x: tuple[float, float]  # values at the left and right edge
-    y: tuple[float, float]  # values at the lower and upper edge
-    logarithmic: tuple[bool, bool]  # whether the axes of x and y are logarithmic
+    x: tuple[float, float]  # values at the left and right edges
+    y: tuple[float, float]  # values at the lower and upper edges
+    logarithmic: tuple[bool, bool]  # whether the x axis and the y axis are logarithmic
     names: tuple[str, str]  # labels of the two axes
     title: str  # title of the panel
 
 
 @styled
 def svg(figure: Figure) -> str:
-    """Draw a figure as SVG. The same figure gives the same text."""
+    """Render a figure as SVG. The same figure gives the same text."""
     import matplotlib
 
     drawn = io.StringIO()
@@ -81,7 +81,7 @@ def _ends(limits: Any) -> tuple[float, float]:
 
 
 def _shared(axes: Axes, which: str) -> str:
-    """Label of an axis, or of the panel it is shared with: in a column only the lowest panel is labelled."""
+    """Label of an axis, or of the panel that shares the axis: in a column, only the lowest panel is labelled."""
     group = getattr(axes, f"get_shared_{which}_axes")().get_siblings(axes)
-    labels = [getattr(each, f"get_{which}label")() for each in (axes, *group)]
+    labels = [getattr(member, f"get_{which}label")() for member in (axes, *group)]
     return next((label for label in labels if label), "")

@@ -1,1 +1,1 @@
-"""The data from which the sections of a report are made."""
+"""The data for the sections of a report."""

@@ -1,4 +1,4 @@
-"""Data of a comparison of finished studies of one measurement."""
+"""Data for the comparison of finished studies of one measurement."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ComparisonMaterial:
 
     @property
     def comparison(self) -> Comparison:
-        """Comparison of their figures."""
+        """Comparison of the evidence and predictive density of the classes."""
         return Comparison(tuple(one.figures for one in self.classes))
 
     @property

@@ -1,4 +1,4 @@
-"""What was learnt of each model parameter: its value, its interval, and its prior interval."""
+"""Posterior of each model parameter: its mean, its interval, and the prior interval."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from structid.report.material.material import PosteriorMaterial
 from structid.report.tables import number
 
 INTERVAL = (0.05, 0.95)
-"""Probabilities at the ends of an interval."""
+"""Probabilities at the bounds of a 90 % interval."""
 NORMAL = 1.645
-"""Standard deviations from the mean to the ends of such an interval of a normal distribution."""
+"""Half-width of a normal distribution's 90 % interval, in standard deviations."""
 DIGITS = 4.0
-"""Fraction of an interval's width to which its ends are rounded, with two digits."""
+"""The bounds of an interval are rounded to two digits of its width divided by this number."""
 LITTLE = 1.4
-"""Ratio of the prior's interval to the posterior's below which the data say little."""
+"""Ratio of prior to posterior interval width below which the data hardly constrain a parameter."""
 
 
 @dataclass(frozen=True)
 class LearntParameter:
-    """One model parameter, in its display unit."""
+    """Posterior of one model parameter, in its display unit."""
 
     name: str  # name in the study
-    unit: str  # Display unit
-    mean: float  # Of the posterior
-    sd: float  # Of the posterior
+    unit: str  # display unit
+    mean: float  # posterior mean
+    sd: float  # posterior standard deviation
     interval: tuple[float, float]  # 90 % interval, given the model
-    # The same for another record, where the parameters drift with time; None where they do not
+    # 90 % interval for another record, if the parameters drift with time; otherwise None
     elsewhere: tuple[float, float] | None
     prior: tuple[float, float]  # 90 % interval of the prior
     truth: float | None  # true value of a virtual experiment
@@ -42,17 +42,17 @@ class LearntParameter:
 
     @property
     def honest(self) -> tuple[float, float]:
-        """The interval to be used: that for another record, where the model is wrong."""
+        """The interval to use: for a wrong model, the interval for another record."""
         return self.interval if self.elsewhere is None else self.elsewhere
 
     @property
     def narrowed(self) -> float:
-        """Ratio of the prior's interval to the posterior's, given the model."""
+        """Ratio of the widths of the prior interval and the posterior interval, given the model."""
         return self._narrowed(self.interval)
 
     @property
     def unknown_elsewhere(self) -> bool:
-        """Whether the interval for another record is about the prior's."""
+        """Whether the interval for another record is about as wide as the prior interval."""
         return self.elsewhere is not None and self._narrowed(self.elsewhere) < LITTLE
 
     def _narrowed(self, interval: tuple[float, float]) -> float:
@@ -60,27 +60,27 @@ class LearntParameter:
 
     @property
     def holds_truth(self) -> bool | None:
-        """Whether the truth lies in the interval to be used; None where it is unknown."""
+        """Whether the true value lies in the interval to use; None if the true value is unknown."""
         return None if self.truth is None else self.honest[0] <= self.truth <= self.honest[1]
 
     def in_words(self, interval: tuple[float, float]) -> str:
-        """An interval with appropriate digits."""
+        """An interval as text, with appropriate digits."""
         low, high = interval
         return f"{number(low, (high - low) / DIGITS)} to {number(high, (high - low) / DIGITS)}"
 
     @property
     def value(self) -> str:
-        """The mean, with appropriate digits."""
+        """The mean as text, with appropriate digits."""
         return number(self.mean, self.sd)
 
     @property
     def true_value(self) -> str:
-        """The truth, or a dash where it is unknown."""
+        """The true value as text, or a dash if it is unknown."""
         return "–" if self.truth is None else f"{self.truth:.4g}"
 
     @property
     def bar(self) -> dict[str, float]:
-        """Positions in a bar that spans the prior's interval, widened to hold everything [%]: prior, both intervals and truth."""
+        """Positions of the prior, both intervals and the truth in a bar that spans all of them [% of its length]."""
         inside = [*self.prior, *self.interval, *self.honest, *([] if self.truth is None else [self.truth])]
         first, span = min(inside), max(inside) - min(inside)
 
@@ -94,8 +94,8 @@ class LearntParameter:
         return places | ({} if self.truth is None else {"truth": place(self.truth)})
 
     @property
-    def told(self) -> str:
-        """Information of the data: how many times narrower the interval to be used is than the prior's."""
+    def narrowing(self) -> str:
+        """Ratio of the widths of the prior interval and the interval to use, as text."""
         times = self._narrowed(self.honest)
         if times < LITTLE:
             return "hardly"
@@ -103,7 +103,7 @@ class LearntParameter:
 
 
 def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
-    """What was learnt of each model parameter."""
+    """Compute the posterior of each model parameter."""
     posterior, summary = material.posterior, material.summary
     count = posterior.model_space.dimension
     space, factors = posterior.space, posterior.factors
@@ -130,9 +130,9 @@ def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
 
 
 def _elsewhere(figures: dict[str, float], bounds: np.ndarray) -> tuple[float, float] | None:
-    """The interval for another record: normal, with the sd and the drift combined, within the prior's bounds.
+    """Interval for another record: a normal interval from the sd and the drift combined, limited to the bounds of the prior.
 
-    It includes the interval for the measured record, which need not be normal.
+    It always includes the interval for the measured record, which need not be normal.
     """
     if not figures.get("sd_elsewhere", 0.0) > figures["sd"]:
         return None

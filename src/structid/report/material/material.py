@@ -1,4 +1,4 @@
-"""Data of a study for its report, and simulations shared by several sections."""
+"""Data of a study for its report, and simulations that several sections share."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class RunsMaterial:
 
     @property
     def runs(self) -> Runs | None:
-        """The runs of the campaign, or those over the priors."""
+        """The runs of the campaign, or the runs over the priors."""
         runs, study = self.results.get(Runs), self.results.get(ParameterStudy)
         return study.runs if runs is None and study is not None else runs
 
@@ -45,26 +45,26 @@ class RunsMaterial:
 class PosteriorMaterial(RunsMaterial):
     """Data of a calibration."""
 
-    # The posterior under the model itself, for channels and records that a surrogate does not know
+    # Posterior with the model itself, for channels and records that a surrogate does not predict
     true_posterior: Posterior
     raw_record: GroundMotion  # first record before processing
     record: GroundMotion  # first record after processing
     truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
     true_values: dict[str, float]  # true parameters in SI
     other_records: tuple[GroundMotion, ...]  # records to predict
-    prediction_draws: int  # number of draws of the bands
+    prediction_draws: int  # number of draws for the bands
     left_to_the_data: bool = False  # whether the study lets the data choose the error model
-    predicted_channels: tuple[str, ...] = ()  # channels predicted for other records; empty for the measured ones
-    loop: LoopLines | None = None  # lines through a measured loop, for priors
+    predicted_channels: tuple[str, ...] = ()  # channels predicted for other records; empty: the measured channels
+    loop: LoopLines | None = None  # lines through a measured loop, from which priors are derived
 
     @property
     def runs(self) -> Runs | None:
-        """The runs to which a surrogate was fitted."""
+        """The training runs of a surrogate."""
         return self.results.get(Runs)
 
     @property
     def result(self) -> SamplingResult:
-        """The draws of the posterior, and their verdict."""
+        """The draws of the posterior, with their verdict."""
         return self.results[SamplingResult]
 
     @property
@@ -90,24 +90,24 @@ class PosteriorMaterial(RunsMaterial):
 
     @cached_property
     def draws(self) -> np.ndarray:
-        """Draws of the bands in SI, shape (draw, parameter)."""
+        """Draws for the bands in SI, shape (draw, parameter)."""
         return self.result.thinned(self.prediction_draws)
 
     @cached_property
     def summary(self) -> Summary:
-        """Moments and quantiles, re-weighted where the certificate asks for it."""
+        """Moments and quantiles, re-weighted if the certificate requires it."""
         return self.result.summary() if self.calibration is None else self.calibration.summary()
 
     @property
     def weighted_draws(self) -> tuple[np.ndarray, np.ndarray | None]:
-        """All draws in SI, shape (draw, parameter), and weights where the certificate provides them."""
+        """All draws in SI, shape (draw, parameter), and their weights if the certificate requires them."""
         if self.calibration is not None and self.calibration.reweighted:
             return self.calibration.certificate.draws, self.calibration.certificate.weights
         return self.result.flat, None
 
     @cached_property
     def shared(self) -> dict[str, Any]:
-        """Cache of simulations that a section uses in tables and figures, by name."""
+        """Cache of simulations for tables and figures, by name."""
         return {}
 
     @cached_property
@@ -116,12 +116,12 @@ class PosteriorMaterial(RunsMaterial):
         return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
 
     def suffix(self, index: int) -> str:
-        """Suffix of a file name that distinguishes the figures of several observations."""
+        """Suffix of file names that distinguishes the figures of several observations."""
         return "" if len(self.observations) == 1 else f"_{index + 1}"
 
     @cached_property
     def true_loops(self) -> tuple[dict[str, np.ndarray], ...]:
-        """Loops of the true model for each observation, by spring, each (time, 3); empty where unknown."""
+        """Loops of the true model for each observation, by spring, with shape (time, 3); empty if unknown."""
         return tuple(
             {}
             if truth is None
@@ -130,12 +130,12 @@ class PosteriorMaterial(RunsMaterial):
         )
 
     def completed(self, theta: Float[np.ndarray, " model_parameter"]) -> Float[np.ndarray, " parameter"]:
-        """Add nuisances and error-model parameters of the MAP estimate to model parameters."""
+        """Append the nuisance and error-model parameters of the MAP estimate to model parameters."""
         return np.concatenate([theta, self.best[len(theta) :]])
 
 
 def calibration_results(calibration: CalibrationResult) -> ByType:
-    """The results of a certified calibration, by type."""
+    """Collect the results of a certified calibration by type."""
     return ByType(
         {
             CalibrationResult: calibration,

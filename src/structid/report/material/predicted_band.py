@@ -1,4 +1,4 @@
-"""A predicted response for a section: the bands of its draws, computed once for all channels."""
+"""A predicted response for a section, with the bands of its draws, computed once for all channels."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ Edges = tuple[np.ndarray, np.ndarray]
 
 
 class PredictedBand:
-    """The bands of a prediction, with and without errors, around the response of the MAP estimate."""
+    """Bands of a prediction with and without errors, and the response of the MAP estimate."""
 
     def __init__(self, draws: Prediction, best: Float[np.ndarray, "time channel"]) -> None:
         self.draws, self.best = draws, best
 
     @cached_property
     def inner(self) -> Edges:
-        """Edges of the 90 % band of the response alone, each (time, channel) in SI."""
+        """Bounds of the 90 % band of the response without errors, in SI, both of shape (time, channel)."""
         return self.draws.band()
 
     @cached_property
     def outer(self) -> Edges:
-        """Edges of the 90 % band with errors, each (time, channel) in SI."""
+        """Bounds of the 90 % band with errors, in SI, both of shape (time, channel)."""
         return self.draws.band(discrepancy=True)
 
     def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:
-        """Draw one channel."""
+        """Draw the bands of one channel."""
         by = factor(unit)
         inner, outer = ((low[:, column] / by, high[:, column] / by) for low, high in (self.inner, self.outer))
         return figures.bands(

@@ -1,4 +1,4 @@
-"""Predictions for unmeasured records, and the truth of a virtual experiment on them."""
+"""Predictions for unmeasured records, and the true responses of a virtual experiment to them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Peak(NamedTuple):
     """The largest response of a channel, in its display unit."""
 
     channel: str  # channel
-    unit: str  # its unit
+    unit: str  # unit of the channel
     low: float  # 5 % quantile
     median: float  # 50 % quantile
     high: float  # 95 % quantile
@@ -28,7 +28,7 @@ class Peak(NamedTuple):
 
     @property
     def cells(self) -> list[str]:
-        """Quantiles, and the truth if known, as table cells."""
+        """Quantiles and, if known, the true value, as table cells."""
         values = [self.low, self.median, self.high, *([] if self.truth is None else [self.truth])]
         return [number(value, self.high - self.low) for value in values]
 
@@ -41,13 +41,13 @@ class PredictedRecord:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Predicted channels: the measured ones by default."""
+        """Predicted channels; default: the measured channels."""
         measured = dict.fromkeys(channel for o in self._material.observations for channel in o.channels)
         return self._material.predicted_channels or tuple(measured)
 
     @cached_property
     def _posterior(self) -> Posterior:
-        """The sampled posterior, or the model's own where the surrogate is restricted to its records or channels."""
+        """The sampled posterior, or the posterior with the model if the surrogate cannot predict the record or channels."""
         sampled, true = self._material.posterior, self._material.true_posterior
         return (
             first_that_takes(self.record, sampled, true) if set(self.channels) <= set(sampled.model.channels) else true
@@ -55,7 +55,7 @@ class PredictedRecord:
 
     @cached_property
     def band(self) -> PredictedBand:
-        """The response of draws, and of the MAP estimate."""
+        """Response of the draws and of the MAP estimate."""
         material = self._material
         result = material.result
         draws = predict(
@@ -66,7 +66,7 @@ class PredictedRecord:
 
     @cached_property
     def truth(self) -> np.ndarray | None:
-        """Response of the true model of a virtual experiment, shape (time, channel); None where unknown."""
+        """Response of the true model of a virtual experiment, shape (time, channel); None if unknown."""
         model = self._material.truths[0]
         if model is None:
             return None
@@ -81,7 +81,7 @@ class PredictedRecord:
         return float(np.mean((self.truth[:, column] >= low) & (self.truth[:, column] <= high)))
 
     def peaks(self) -> list[Peak]:
-        """The largest response in each channel."""
+        """Largest response in each channel."""
         draws, peaks = self.band.draws, []
         for column, channel in enumerate(draws.channels):
             unit = draws.units[channel].display

@@ -1,4 +1,4 @@
-"""Data of a programme of hybrid tests for its report."""
+"""Data for the report of a programme of hybrid tests."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from structid.inference.sampling_result import SamplingResult
 from structid.observation import Observation
 
 BAND = (0.05, 0.95)
-"""Quantiles of a predicted band."""
+"""Quantiles at the bounds of a predicted band."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedTest:
-    """Prediction of a test, and its actual course."""
+    """Prediction of a test, and the measured response in that test."""
 
     name: str  # name of the test
     time: Float[np.ndarray, " time"]  # simulated time [s]
     drifts: Float[np.ndarray, "draw time"]  # predicted displacements of the specimen's first channel [m]
-    happened: Float[np.ndarray, " measured_time"]  # actual ones [m]; shorter where the test ended early
+    happened: Float[np.ndarray, " measured_time"]  # measured displacements [m]; shorter if the test ended early
     failed: int = 0  # number of draws with a failed run, which are not in `drifts`
-    reason: str = ""  # reason of the first of them
+    reason: str = ""  # reason of the first failure
 
     @cached_property
     def peaks(self) -> np.ndarray:
@@ -37,45 +37,45 @@ class PredictedTest:
 
     @property
     def peak(self) -> float:
-        """Largest actual displacement [m]."""
+        """Largest measured displacement [m]."""
         return float(np.abs(self.happened).max())
 
     @property
     def band(self) -> tuple[float, float]:
-        """5 and 95 % of the largest displacement [m]."""
+        """5 and 95 % quantiles of the largest displacement [m]."""
         low, high = np.quantile(self.peaks, BAND)
         return float(low), float(high)
 
     @property
     def covered(self) -> bool:
-        """Whether the band of the largest displacement contains the actual one."""
+        """Whether the band of the largest displacement contains the measured value."""
         low, high = self.band
         return low <= self.peak <= high
 
     @property
     def sentences(self) -> list[str]:
-        """The band and the actual value, and the number of missing draws."""
+        """Sentences on the band, the measured value, and the number of failed runs."""
         sentences = []
         if len(self.drifts):
             low, high = (1e3 * edge for edge in self.band)
             sentences.append(
-                f"For test {self.name} a largest displacement of {low:.4g} to {high:.4g} mm was predicted (5 to 95 %); it was "
-                f"{1e3 * self.peak:.4g} mm. The band {'holds' if self.covered else 'does not hold'} it."
+                f"Predicted largest displacement in test {self.name}: {low:.4g} to {high:.4g} mm (5 to 95 %). Measured: "
+                f"{1e3 * self.peak:.4g} mm, {'inside' if self.covered else 'outside'} the band."
             )
         if self.failed:
-            left = f"{self.failed} of {self.failed + len(self.drifts)} runs of the model failed for test {self.name}"
+            failed = f"{self.failed} of {self.failed + len(self.drifts)} model runs failed for test {self.name}"
             sentences.append(
-                f"{left}: {self.reason}. " + ("The band is without them." if sentences else "It is not predicted.")
+                f"{failed}: {self.reason}. " + ("The band excludes them." if sentences else "There is no prediction.")
             )
         return sentences
 
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """What was learnt of the specimen from a test."""
+    """Posterior of the specimen's parameters after a test."""
 
     from_test: str  # the last test used
-    observation: Observation  # forces against measured displacements of it and earlier tests
+    observation: Observation  # forces and measured displacements of this test and earlier tests
     result: SamplingResult  # the posterior
     fitted: Float[np.ndarray, "time channel"] = field(repr=False)  # forces at the most probable parameters [N]
     prediction: PredictedTest | None  # prediction of a later test
@@ -83,7 +83,7 @@ class Learnt:
 
     @property
     def trusted(self) -> bool:
-        """Whether its numbers may be believed: converged, and certified where a surrogate was used."""
+        """Whether the posterior can be trusted: it has converged and, if a surrogate was used, is certified."""
         return self.result.verdict().converged if self.calibration is None else self.calibration.trusted
 
 
@@ -92,20 +92,20 @@ class ProgrammeMaterial:
     """Data of a programme."""
 
     title: str  # title
-    settings: str  # text of its file
-    programme: ProgrammeResult  # the tests
-    learnt: Learnt | None = None  # what was learnt
-    # Parameters of a simulated specimen in SI, where the model that is learnt has them
+    settings: str  # text of the programme file
+    programme: ProgrammeResult  # results of the tests
+    learnt: Learnt | None = None  # posterior of the specimen's parameters
+    # True parameters of a simulated specimen in SI, for parameters that the calibrated model also has
     true_values: dict[str, float] = field(default_factory=dict)
 
     @property
     def first(self) -> HybridResult:
         """The first test."""
         if not self.programme.tests:
-            raise InputError("ProgrammeMaterial", "no test", "one that was begun")
+            raise InputError("ProgrammeMaterial", "no test", "at least one started test")
         return next(iter(self.programme.tests.values()))
 
     @property
     def begun(self) -> dict[str, HybridResult]:
-        """Tests with a completed step."""
+        """Tests with at least one completed step."""
         return {name: test for name, test in self.programme.tests.items() if test.histories is not None}

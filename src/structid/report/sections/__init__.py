@@ -1,1 +1,1 @@
-"""Sections of a report, one file each: title, words, tables, figures. `report/section_list.py` gives their order."""
+"""Sections of a report, one file per section: title, paragraphs, tables, figures. `report/section_list.py` orders them."""

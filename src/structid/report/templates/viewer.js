@@ -1,5 +1,5 @@
-// Opens a figure over the whole window: zoom by wheel, pinch or buttons, drag to move, read values off under the pointer.
-// The page is complete without it.
+// Opens a figure in the whole window: zoom by wheel, pinch or buttons; drag to move; read values at the pointer.
+// The page is complete without this script.
 (() => {
   const viewer = document.createElement("dialog");
   viewer.className = "viewer";
@@ -28,10 +28,10 @@
     place = { x: x - (x - place.x) * share, y: y - (y - place.y) * share, width };
     show();
   }
-  // A place between the ends of an axis, linear or logarithmic.
+  // Value at a relative position on a linear or logarithmic axis.
   const between = ([first, last], share, logarithmic) =>
     logarithmic ? first * (last / first) ** share : first + (last - first) * share;
-  function told(x, y) {
+  function valuesAt(x, y) {
     const across = (x - place.x) / place.width, down = (y - place.y) / (place.width * ratio);
     const panel = panels.find((p) => across >= p.left && across <= p.left + p.width && down >= p.top && down <= p.top + p.height);
     if (!panel) return "";
@@ -54,7 +54,7 @@
   for (const figure of document.querySelectorAll('figure img[data-panels]:not([data-panels="[]"])')) {
     figure.tabIndex = 0;
     figure.setAttribute("role", "button");
-    figure.title = "Open: zoom, and read values off";
+    figure.title = "Open to zoom and read values";
     figure.addEventListener("click", () => open(figure));
     figure.addEventListener("keydown", (event) => { if (event.key === "Enter") open(figure); });
   }
@@ -75,7 +75,7 @@
   const middle = (all) => [all.reduce((s, p) => s + p.clientX, 0) / all.length, all.reduce((s, p) => s + p.clientY, 0) / all.length];
   const apart = ([a, b]) => Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY);
   stage.addEventListener("pointermove", (event) => {
-    read.textContent = told(event.clientX, event.clientY);
+    read.textContent = valuesAt(event.clientX, event.clientY);
     if (!pointers.has(event.pointerId)) return;
     const before = [...pointers.values()];
     pointers.set(event.pointerId, event);

@@ -1,1 +1,1 @@
-"""From the tables of a study file to records, priors, model, measurements, surrogate and sampler."""
+"""Builders of records, priors, model, measurements, surrogate and sampler from the tables of a study file."""

@@ -31,29 +31,29 @@ class BuiltStudy:
 
     file: StudyFile  # content of the file
     folder: Path  # base of relative paths
-    raw_record: GroundMotion  # the study's record as read
-    record: GroundMotion  # the same after processing
+    raw_record: GroundMotion  # record of the study before processing
+    record: GroundMotion  # record of the study after processing
     space: ParameterSpace  # unknown parameters of the model
     model: Model
     campaign: Design | None  # points of the model runs, if the study has a campaign
-    campaign_records: tuple[GroundMotion, ...]  # excitations of these runs, assigned in turn
-    # Of the model's parameters and the discrepancy's; None for a study without an observation
+    campaign_records: tuple[GroundMotion, ...]  # excitations, assigned to these runs in turn
+    # Posterior of the parameters of the model and the error model; None for a study without an observation
     posterior: Posterior | None
     sampler: Sampler  # settings of the sampler
     truths: tuple[Model | None, ...]  # true model of a virtual experiment for each observation, or None
     other_records: tuple[GroundMotion, ...]  # records to predict
     plan: Plan | None  # budget of a certified calibration, if there is one
-    loop: LoopLines | None = None  # lines through a measured loop, for priors
-    plans: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with a table of its own
+    loop: LoopLines | None = None  # lines through a measured loop, from which priors are derived
+    plans: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with its own table
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything on which runs and draws depend."""
+        """Hash of all inputs on which runs and draws depend."""
         return digest(self.identity)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Everything on which runs and draws depend, part by part, so that a change can be named."""
+        """All inputs on which runs and draws depend, by part, so that a message can name a changed part."""
         parts: dict[str, Any] = {
             "model": self.model.content_hash,
             "parameters": self.space.content_hash,
@@ -74,7 +74,7 @@ class BuiltStudy:
         return parts | {name: digest(value) for plan in self.plans for name, value in plan.identity.items()}
 
     def working_in(self, folder: Path) -> BuiltStudy:
-        """Return the study with a folder for the files of its model's runs."""
+        """Return the study with a folder for the files of its model runs."""
         model = self.model.working_in(folder)
         posterior = None if self.posterior is None else self.posterior.on(model)
         return self if model is self.model else replace(self, model=model, posterior=posterior)
@@ -86,7 +86,7 @@ class BuiltStudy:
 
     @property
     def surrogate_kind(self) -> SurrogateKind | None:
-        """Kind of the surrogate, if there is one."""
+        """Kind of the surrogate; None without a surrogate."""
         return kind_named(self.file.surrogate.kind, registry.KINDS) if self.has_surrogate else None
 
     @property
@@ -96,7 +96,7 @@ class BuiltStudy:
 
     @property
     def validation_runs(self) -> int:
-        """Number of model runs that validate the surrogate: as many on each record for a restricted one."""
+        """Number of model runs that validate the surrogate; multiplied by the number of records if it is valid only for these."""
         section = self.file.surrogate
         each = self.surrogate_kind is not None and self.surrogate_kind.own_records
         return section.validation * (len(self.campaign_records) if each else 1)
@@ -109,7 +109,7 @@ class BuiltStudy:
 
     @property
     def search_methods(self) -> tuple[str, ...]:
-        """The deterministic searches: both for a built-in model unless the file says otherwise, none for an external one."""
+        """Methods of deterministic search. Default: both methods for a built-in model, none for an external model."""
         methods = self.file.deterministic.methods
         if methods is None:
             return ("pattern_search", "interior_point") if self.model.traceable else ()
@@ -118,25 +118,25 @@ class BuiltStudy:
                 "key 'deterministic.methods'",
                 "'interior_point' for an external model, which has no derivatives",
                 "['pattern_search'] or []",
-                "Pattern search needs none, but hundreds of runs.",
+                "Use pattern search, which needs no derivatives but hundreds of runs, or no search.",
             )
         return methods
 
     @property
     def search_bounds(self) -> dict[str, tuple[float, float]] | None:
-        """Bounds of the deterministic searches in SI, None for the priors' supports."""
+        """Bounds of the deterministic searches in SI; None for the supports of the priors."""
         space = self.space
         bounds = {}
         for name, (low, high) in self.file.deterministic.bounds.items():
             key = f"key 'deterministic.bounds.{name}'"
             if name not in space.names:
-                raise InputError(key, "no such parameter", ", ".join(space.names), suggestion(name, space.names))
+                raise InputError(key, "unknown parameter", ", ".join(space.names), suggestion(name, space.names))
             bounds[name] = (to_si(low, space.units[name], key), to_si(high, space.units[name], key))
         return bounds or None
 
     @property
     def true_values(self) -> dict[str, float]:
-        """True values of the sampled parameters in a virtual experiment, in SI, where the two models share a name."""
+        """True values of a virtual experiment in SI, for the sampled parameters that the true model also has."""
         truth = self.truths[0] if self.truths else None
         if truth is None:
             return {}

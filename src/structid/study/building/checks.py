@@ -19,11 +19,11 @@ from structid.study.schema.study_file import StudyFile
 from structid.surrogates.surrogate_list import DEFAULT
 
 EXACT = 1e-9
-"""Difference between response and measurement, relative to its peak, that is rounding alone."""
+"""Largest difference between response and measurement, relative to the peak, that rounding can cause."""
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
-    """Refuse what sampler, searches and surrogate would refuse, before a folder is created."""
+    """Reject settings that the sampler, the searches or the surrogate would reject, before a folder is created."""
     check_tables(study.file)
     if study.sampler.exact and not study.has_surrogate:
         raise InputError(
@@ -44,7 +44,7 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
             "key 'discrepancy.kind'",
             f"'{study.file.discrepancy.kind}' with a [surrogate]",
             "errors that are added to the response (iid, ar1, matern32, damped_cosine), or no [surrogate]",
-            "A surrogate stands for the model with fixed parameters. A built-in model is sampled itself in seconds.",
+            "Remove [surrogate] to use drifting parameters: a built-in model is sampled in seconds.",
         )
     with within("table 'sampler'"):
         check_memory(study.posterior, study.sampler)
@@ -65,41 +65,41 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
 
 
 def check_tables(file: StudyFile) -> None:
-    """Refuse combinations of tables that exclude each other."""
+    """Reject tables that exclude each other."""
     surrogate, calibrated = file.surrogate, file.calibration is not None
     unused = surrogate.model_fields_set - {"kind"} if surrogate.kind == "none" else set()
     keys_given = surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
-    advice_on_campaign = "one of the two: a calibration does its own runs"
-    advice_on_keys = "no such key: the certificate judges the surrogate"
+    advice_on_campaign = "only one of the two: a calibration plans its own runs"
+    advice_on_keys = "no such key: the certificate assesses the surrogate"
     refusals = (
         (
             bool(unused),
             f"key 'surrogate.{min(unused, default='')}'",
-            "it is given with kind = 'none'",
-            "a kind of surrogate, or no key beside kind",
+            "it has no effect with kind = 'none'",
+            "a kind of surrogate, or no other key than kind",
         ),
         (
             calibrated and surrogate.kind == "none",
             "table 'calibration'",
             "no kind of [surrogate]",
-            f"a surrogate such as '{DEFAULT.word}', or no [calibration] where the model itself is sampled",
+            f"a surrogate such as '{DEFAULT.word}', or no [calibration] to sample the model itself",
         ),
         (
             calibrated and not file.observation,
             "table 'calibration'",
             "no [observation]",
-            "a measurement to calibrate against",
+            "a measurement for the calibration",
         ),
         (
             calibrated and file.campaign is not None,
             "table 'campaign'",
-            "a campaign beside [calibration]",
+            "a campaign together with [calibration]",
             advice_on_campaign,
         ),
         (
             calibrated and bool(keys_given),
             f"key 'surrogate.{min(keys_given, default='')}'",
-            "it is given beside [calibration]",
+            "it is given together with [calibration]",
             advice_on_keys,
         ),
     )
@@ -109,7 +109,7 @@ def check_tables(file: StudyFile) -> None:
 
 
 def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
-    """Refuse what a surrogate fit would refuse of the first design."""
+    """Reject settings with which the surrogate cannot be fitted to the first design."""
     assert study.posterior is not None
     records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
     points = np.repeat(study.space.sample(plan.sizes[0], 0, "sobol").values, len(records), axis=0)
@@ -117,14 +117,14 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
 
 
 def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
-    """Refuse what a surrogate fit would refuse, before hours of model runs."""
+    """Reject settings that the surrogate fit would reject, before hours are spent on model runs."""
     settings = surrogate_settings(study.file.surrogate)
     with within("tables 'surrogate' and 'campaign'"):
         settings.check(design, records, study.model.channels)
 
 
 def _check_noise(study: BuiltStudy, posterior: Posterior) -> None:
-    """Refuse noise-free data of a model that can be exactly right: the error variance has no proper posterior."""
+    """Reject noise-free data for a model that can fit them exactly: the error variance then has no proper posterior."""
     without = [o.virtual is not None and o.virtual.noise == 0.0 for o in study.file.observation]
     true = study.true_values
     if not (any(without) and posterior.variances and study.model.batched and set(study.space.names) <= set(true)):
@@ -140,7 +140,7 @@ def _check_noise(study: BuiltStudy, posterior: Posterior) -> None:
         if np.abs(values - posterior.predict(theta, int(index))[0]).max() < EXACT * np.abs(values).max():
             raise InputError(
                 "key 'observation.virtual.noise'",
-                "0, and the model can be exactly right, so that the unknown variance of its errors is zero",
+                "0, and the model can be exactly right: the unknown error variance is then zero",
                 "more than 0, such as noise = 0.02",
-                "Or give the variance of the errors in [discrepancy].",
+                "Add noise, or give the error variance in [discrepancy].",
             )

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from structid.core.errors import within
 from structid.models.hysteretic.loop_lines import LoopLines
-from structid.study.schema.static_tables import LoopSection
+from structid.study.schema.static_tables import LoopTable
 
 
-def build_loop(section: LoopSection | None, folder: Path) -> LoopLines | None:
-    """Fit two lines to the measured loop of a study."""
+def build_loop(section: LoopTable | None, folder: Path) -> LoopLines | None:
+    """Fit two lines to the measured loop of a study; None without a loop."""
     if section is None:
         return None
     settings = section.model_dump(exclude={"file"})

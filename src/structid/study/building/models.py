@@ -1,4 +1,4 @@
-"""The model of a study. Its free parameters are those that both the model and the space have."""
+"""The model of a study. Its free parameters are the parameters that both the model and the space have."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from structid.models.model_kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
 from structid.study.building.named_kind import kind_named
-from structid.study.schema.static_tables import ModelSection
+from structid.study.schema.static_tables import ModelTable
 
 
 def build_model(
-    section: ModelSection, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...], folder: Path
+    section: ModelTable, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...], folder: Path
 ) -> Model:
     """Build the model of a study."""
     kind = kind_named(section.type, model_list.MODELS)
@@ -31,21 +31,21 @@ def build_model(
         return kind.build(ModelRequest(given, space, free, channels, folder))
 
 
-def _given(section: ModelSection) -> dict[str, Any]:
-    """Keys of the table with a value."""
+def _given(section: ModelTable) -> dict[str, Any]:
+    """Keys of the table that have a value."""
     return {key: value for key, value in section.model_dump(exclude={"type"}).items() if value is not None}
 
 
 def _check_parameters(
     kind: ModelKind, known: Collection[str], given: dict[str, Any], space: ParameterSpace, derived: dict[str, str]
 ) -> None:
-    """Refuse parameters that also have a value, and names that the model lacks."""
+    """Reject parameters that also have a fixed value, and names that the model lacks."""
     ingredients = {n for name, text in derived.items() for n in parse_expression(text, f"derived.{name}")[1]}
     for name in space.all_names:
         key = f"key 'parameters.{name}'" if name in space.names else f"key 'derived.{name}'"
         if name in given:
-            raise InputError(key, "it has a value in [model] as well", "one of the two", "Remove one of them.")
-        # A name the model lacks must at least be an ingredient of a derived one.
+            raise InputError(key, "it also has a value in [model]", "only one of the two", "Remove one of them.")
+        # A name that the model lacks must at least appear in the expression of a derived parameter.
         if name not in known and name not in ingredients:
             raise InputError(
                 key,
@@ -55,7 +55,7 @@ def _check_parameters(
             )
 
 
-def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -> Model:
+def true_model(section: ModelTable, channels: tuple[str, ...], folder: Path) -> Model:
     """Build the true model of a virtual experiment, which has no free parameters."""
     kind = kind_named(section.type, model_list.MODELS)
     return kind.build(ModelRequest(_given(section), ParameterSpace(), (), channels, folder))

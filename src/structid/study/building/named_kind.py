@@ -1,4 +1,4 @@
-"""Common handling of tables that name a kind."""
+"""Common functions for tables with a kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Named(Protocol):
 
     @property
     def word(self) -> str:
-        """Its name in a study file."""
+        """Name of the kind in a study file."""
         ...
 
 
@@ -21,12 +21,12 @@ AnyKind = TypeVar("AnyKind", bound=Named)
 
 
 def kind_named(word: str, kinds: Iterable[AnyKind]) -> AnyKind:
-    """Find a kind by name; the schema has checked that it exists."""
+    """Find a kind by name; the schema has already checked that it exists."""
     return next(kind for kind in kinds if kind.word == word)
 
 
 def check_keys(table: str, word: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Refuse keys of another kind, which the schema accepts in the table."""
+    """Reject keys of another kind, which the schema accepts in the table."""
     for key in given:
         if key not in known:
-            raise InputError(f"key '{table}.{key}'", f"a key that {word} does not know", ", ".join(known))
+            raise InputError(f"key '{table}.{key}'", f"a key that {word} does not have", ", ".join(known))

@@ -1,4 +1,4 @@
-"""The measurements of a study, and its error model."""
+"""The measurements and the error model of a study."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from structid.observation import Observation
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
-from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
+from structid.study.schema.static_tables import ObservationTable, PriorTable, VirtualTable
 from structid.study.schema.study_file import CalibrationFile
 
 
 def build_observation(
-    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, index: int
+    section: ObservationTable, record: GroundMotion, folder: Path, where: str, seed: int, index: int
 ) -> tuple[Observation, Model | None]:
     """Read a measured history, or simulate a virtual one."""
     if (section.file is None) == (section.virtual is None):
@@ -39,7 +39,7 @@ def build_observation(
     nuisances: dict[str, Any] = {
         name: prior_of(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
         for name in ("gain", "offset", "time_shift")
-        if isinstance(prior := getattr(section, name), PriorSection)
+        if isinstance(prior := getattr(section, name), PriorTable)
     }
     sd = None if section.sd is None else to_si(section.sd, unit, f"key '{where}.sd'")
     if section.virtual is not None:
@@ -68,26 +68,26 @@ def build_observation(
     return Observation.read(record, path, section.unit, channel, **columns, **nuisances), None
 
 
-def _refuse_keys_of_files(section: ObservationSection, where: str) -> None:
-    """Refuse keys that apply to files only in a virtual experiment."""
+def _refuse_keys_of_files(section: ObservationTable, where: str) -> None:
+    """Reject keys of measured files in a virtual experiment."""
     for key in ("column", "dt", "sd_column"):
         if getattr(section, key) is not None:
             raise InputError(
-                f"key '{where}.{key}'", "it is given for a virtual experiment", "nothing: it is about a file"
+                f"key '{where}.{key}'", "it is given for a virtual experiment", "no such key: it applies to files only"
             )
     if isinstance(section.time_shift, (int, float, str)):
-        raise InputError(f"key '{where}.time_shift'", "a known shift of a virtual experiment", "a prior, or nothing")
+        raise InputError(f"key '{where}.time_shift'", "a number for a virtual experiment", "a prior, or no such key")
 
 
 def _virtual_experiment(
-    section: VirtualSection,
+    section: VirtualTable,
     record: GroundMotion,
     channels: tuple[str, ...],
     folder: Path,
     seed: int,
     index: int,
 ) -> tuple[Model, np.ndarray]:
-    """Simulate the true model and add white noise, a fraction of each channel's RMS."""
+    """Simulate the true model, and add white noise relative to the RMS of each channel."""
     truth = true_model(section.model, channels, folder)
     run: Histories = truth.simulate(np.zeros((1, 0)), record)
     if not run.done[0]:
@@ -101,7 +101,7 @@ def _virtual_experiment(
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 
 
-def _si_unit(section: ObservationSection, where: str) -> str:
+def _si_unit(section: ObservationTable, where: str) -> str:
     """SI unit of a measurement, from its channel or from the unit declared for the file."""
     unit_of_channel = standard_unit(section.channels[0]).si
     if unit_of_channel or section.unit is None:
@@ -125,7 +125,7 @@ def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> Err
             raise InputError(
                 f"key 'discrepancy.{key}'",
                 f"one variance for channels in {', '.join(sorted(units))}",
-                "nothing, so that each channel has its own unknown variance",
+                "no such key: each channel then has its own unknown variance",
             )
     variance = squared(units.pop())
     values = {

@@ -7,5 +7,5 @@ from structid.models.base import Model
 
 
 def limit_of(limit: float | str, channel: str, model: Model, where: str) -> float:
-    """Read a limit of a channel, in SI."""
+    """Convert a limit of a channel to SI."""
     return to_si(limit, model.channel_units[channel].si, f"key '{where}'")

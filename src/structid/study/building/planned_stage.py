@@ -1,4 +1,4 @@
-"""What a stage with a table of its own is to do, with everything in SI."""
+"""Settings of a stage with its own table, in SI."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any, ClassVar
 
 
 class PlannedStage(ABC):
-    """Settings of a stage, made from its table."""
+    """Settings of a stage, from its table."""
 
-    what: ClassVar[str]  # the stage in words, for progress and cost
+    what: ClassVar[str]  # description of the stage, for progress and cost
 
     @property
     @abstractmethod
     def model_runs(self) -> int:
-        """Number of model runs that it takes."""
+        """Number of model runs of the stage."""
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What its stored work depends on, by name, where the store does not check that itself."""
+        """Inputs on which its stored results depend, by name, unless the store checks them itself."""
         return {}

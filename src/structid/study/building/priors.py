@@ -1,4 +1,4 @@
-"""The priors of a study and its parameter space."""
+"""The priors and the parameter space of a study."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 from structid.study.building.named_kind import kind_named
-from structid.study.schema.static_tables import PriorSection
+from structid.study.schema.static_tables import PriorTable
 from structid.study.schema.study_file import CalibrationFile
 
 LOOP = "loop"
-"""Name of a prior derived from a measured loop."""
+"""Name of a distribution that is derived from a measured loop."""
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "uniform": (marginals.Uniform, ("low", "high")),
@@ -32,13 +32,13 @@ _WITH_UNIT = ("mean", "sd", "low", "high", "scale", "location")
 _PURE = ("shape", "rate", "log_mean", "log_sd", "a", "b")
 
 
-def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal:
-    """Build a prior."""
+def prior_of(section: PriorTable, where: str, si_unit: str | None) -> Marginal:
+    """Build a prior from its table."""
     if section.distribution == LOOP:
         raise InputError(
             f"key '{where}.distribution'",
             f"'{LOOP}'",
-            f"a prior of {' or '.join(SMALLEST_SPREAD)} beside a table [loop]",
+            f"a table [loop], and this prior only for {' or '.join(SMALLEST_SPREAD)}",
         )
     make, allowed = _FAMILIES[section.distribution]
     unit = (si_unit or "") if section.unit is None else section.unit
@@ -76,19 +76,19 @@ def parameter_prior(file: CalibrationFile, name: str, loop: LoopLines | None = N
     return prior_of(section, f"parameters.{name}", unit)
 
 
-def _prior_of_the_loop(section: PriorSection, loop: LoopLines, name: str, base: str) -> Marginal:
+def _prior_of_the_loop(section: PriorTable, loop: LoopLines, name: str, base: str) -> Marginal:
     if further := section.model_fields_set - {"distribution"}:
         raise InputError(
             f"key 'parameters.{name}.{min(further)}'",
-            "it is given beside the loop",
-            "nothing: the lines give the prior",
+            "it is given together with the loop",
+            "no such key: the loop determines the prior",
         )
     with within(f"key 'parameters.{name}'"):
         return loop.priors()[base]
 
 
 def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> ParameterSpace:
-    """Build the space of the model's unknown parameters."""
+    """Build the space of the unknown parameters of the model."""
     priors = {name: parameter_prior(file, name, loop) for name in file.parameters}
     correlation = {}
     for pair, value in file.correlation.items():
@@ -99,9 +99,9 @@ def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> Par
     return ParameterSpace(priors, correlation=correlation or None, derived=file.derived, coordinates=file.coordinates)
 
 
-def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:
-    """Convert a parameter of the error model to a number in SI or a prior."""
+def known_or_prior(value: float | str | PriorTable | None, key: str, unit: str) -> Any:
+    """Convert a parameter of the error model to a number in SI, or to a prior."""
     where = f"discrepancy.{key}"
     if value is None:
         return None
-    return prior_of(value, where, unit) if isinstance(value, PriorSection) else to_si(value, unit, f"key '{where}'")
+    return prior_of(value, where, unit) if isinstance(value, PriorTable) else to_si(value, unit, f"key '{where}'")

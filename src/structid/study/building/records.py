@@ -7,15 +7,15 @@ from pathlib import Path
 
 from structid.core.errors import InputError
 from structid.ground_motion.record import GroundMotion
-from structid.study.schema.static_tables import RecordSection
+from structid.study.schema.static_tables import RecordTable
 
 
-def load_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
+def load_record(section: RecordTable, folder: Path, where: str) -> GroundMotion:
     """Read or simulate a record and process it."""
     return processed(read_record(section, folder, where), section, where)
 
 
-def read_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
+def read_record(section: RecordTable, folder: Path, where: str) -> GroundMotion:
     """Read or simulate a record."""
     if (section.file is None) == (section.synthetic is None):
         came = "neither file nor synthetic" if section.file is None else "both file and synthetic"
@@ -28,7 +28,7 @@ def read_record(section: RecordSection, folder: Path, where: str) -> GroundMotio
     return replace(record, name=section.name) if section.name else record
 
 
-def processed(record: GroundMotion, section: RecordSection, where: str) -> GroundMotion:
+def processed(record: GroundMotion, section: RecordTable, where: str) -> GroundMotion:
     """Process a record: baseline, filters, resampling, trim, scale, in this order."""
     if section.baseline is not None:
         record = record.baseline(section.baseline)

@@ -1,4 +1,4 @@
-"""The surrogate of a study: settings from the file, and the fit to its model runs."""
+"""The surrogate of a study: its settings from the file, and its fit to model runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from structid.campaign.runs import Runs
 from structid.core.errors import InputError, within
 from structid.core.progress import Progress
 from structid.study.building.named_kind import check_keys, kind_named
-from structid.study.schema.kinds import SurrogateSection
+from structid.study.schema.kinds import SurrogateTable
 from structid.surrogates import surrogate_list as registry
 from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.surrogate_kind import SurrogateKind
@@ -18,8 +18,8 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
 
-def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
-    """Convert a table to settings of a surrogate."""
+def surrogate_settings(section: SurrogateTable) -> SurrogateSettings:
+    """Convert a table to the settings of a surrogate."""
     kind = kind_named(section.kind, registry.KINDS)
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
     check_keys("surrogate", kind.word, given, sorted((*_COMMON, *kind.keys)))
@@ -30,22 +30,22 @@ def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
 
 
 def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
-    """Refuse keys without effect because of another one."""
+    """Reject keys that have no effect because of another key."""
     for (switch, value), unused in kind.unused.items():
         for key in unused:
             if given.get(switch) == value and key in given:
                 raise InputError(
                     f"key 'surrogate.{key}'",
                     f"it is given with {switch} = '{value}', which does not use it",
-                    f"one of the two: without {', '.join(unused)}, or another {switch}",
+                    f"no {', '.join(unused)}, or another {switch}",
                 )
 
 
-def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
+def fitted_surrogate(section: SurrogateTable, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
     """Fit the surrogate, or read a stored fit."""
     settings = surrogate_settings(section)
     surrogate = registry.load_surrogate(path) if path is not None and path.is_file() else None
-    # Failed runs that have been repeated since, and have now succeeded, are worth another fit.
+    # Fit again if failed runs have been repeated successfully.
     stale = surrogate is None or surrogate.fitted.runs != int(runs.done.sum())
     if surrogate is None or stale:
         surrogate = settings.fit(runs, progress)

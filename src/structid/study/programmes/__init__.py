@@ -1,1 +1,1 @@
-"""Programmes of hybrid tests, from their file to their report."""
+"""Programmes of hybrid tests, from the programme file to the report."""

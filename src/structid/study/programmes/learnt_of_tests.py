@@ -1,4 +1,4 @@
-"""Learning from a programme's tests: a posterior from one of them, and the prediction of a later one."""
+"""Learning from the tests of a programme: a posterior from some tests, and the prediction of a later test."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from structid.study.building.priors import parameter_space
 from structid.study.building.samplers import build_plan, build_sampler
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.programmes.planned_programme import PlannedProgramme
-from structid.study.timings import Stage, StagesAsTold, Timings, silent
+from structid.study.timings import Stage, StepProgress, Timings, silent
 
 CHAINS = "learnt.h5"
-"""Draws of the posterior, by the model itself."""
+"""Draws of the posterior, computed with the model itself."""
 LEARNING = "learning.json"
-"""Durations of a calibration's stages."""
+"""Durations of the stages of a calibration."""
 MOST_PIECES = 64
-"""Largest number of pieces of a move in a predicted test; a run that needs more grows without bound."""
+"""Largest number of substeps per move in a predicted test; a run that needs more substeps diverges."""
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
-    """Build the posterior."""
+    """Build the posterior of the specimen's parameters."""
     file, model = planned.file, planned.learnable()
-    assert file.learning is not None  # where it is built, this is checked
+    assert file.learning is not None  # checked when the programme was built
     driven = ImposedDisplacements(model, pieces=file.learning.pieces)
     observation = programme.observation(file.learning.from_test, driven.channels, planned.known_sd())
     units = dict(zip(observation.channels, observation.error_units, strict=True))
@@ -49,7 +49,7 @@ def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Poste
 def learnt_of(
     planned: PlannedProgramme, programme: ProgrammeResult, folder: Path, stage: Stage = silent
 ) -> Learnt | None:
-    """Learn from a test, and predict a later one."""
+    """Compute the posterior from the tests, and predict a later test."""
     learning = planned.file.learning
     if learning is None or learning.from_test not in programme.tests or not programme.tests[learning.from_test].steps:
         return None
@@ -67,14 +67,14 @@ def learnt_of(
 def _drawn(
     planned: PlannedProgramme, posterior: Posterior, folder: Path, stage: Stage
 ) -> tuple[SamplingResult, CalibrationResult | None]:
-    """Draws of the posterior, by a certified surrogate or by the model itself."""
+    """Draws of the posterior, with a certified surrogate or with the model itself."""
     file = planned.file
     if (plan := build_plan(file.calibration)) is None:
         with stage("learning") as progress:
             return sample(posterior, build_sampler(file.sampler), file.seed, folder / CHAINS, progress=progress), None
     settings = None if file.surrogate.kind == "none" else surrogate_settings(file.surrogate)
     sampler = build_sampler(file.sampler) if "sampler" in file.model_fields_set else None
-    with StagesAsTold(stage, Timings(folder / LEARNING)) as report:
+    with StepProgress(stage, Timings(folder / LEARNING)) as report:
         calibration = calibrate(
             posterior.model,
             posterior.model_space,
@@ -91,9 +91,9 @@ def _drawn(
 
 
 def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str, draws: np.ndarray) -> PredictedTest:
-    """Prediction of a test from posterior draws, starting from the specimen's state after the earlier tests."""
+    """Predict a test from posterior draws, starting from the specimen's state after the earlier tests."""
     section, learning = planned.section_of(name), planned.file.learning
-    assert learning is not None  # learnt_of has looked
+    assert learning is not None  # checked in learnt_of
     numerical, physical = planned.parts(section.modes)
     virtual = VirtualHybridTest(
         numerical,
@@ -105,22 +105,22 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
         programme.way_to(name),
         ("displacement_1",),
     )
-    happened = programme.tests[name].coarse
+    measured = programme.tests[name].coarse
     steps = programme.tests[name].feasibility.steps
     record = _at_steps(planned.record_of(section), planned.file.dt, steps)
     runs = followed_in_pieces(virtual, draws, record)
     failed, reason = int((~runs.done).sum()), next((reason for reason in runs.reasons if reason), "")
     return PredictedTest(
-        name, record.time, runs.values[runs.done, :, 0], happened.physical.displacement[:, 0], failed, reason
+        name, record.time, runs.values[runs.done, :, 0], measured.physical.displacement[:, 0], failed, reason
     )
 
 
 def followed_in_pieces(
     virtual: VirtualHybridTest, draws: Float[np.ndarray, "draw parameter"], record: GroundMotion
 ) -> Histories:
-    """Simulate with as many pieces per move as the law needs.
+    """Simulate with as many substeps per move as the hysteretic model needs.
 
-    A stronger test moves further per step than those that were learnt from, possibly too far for one step of the law.
+    A stronger test has larger moves per step than the tests used for learning, possibly too large for one step of the model.
     """
     runs = virtual.simulate(draws, record)
     while np.any(runs.status == Status.DIVERGED) and virtual.pieces < MOST_PIECES:

@@ -1,4 +1,4 @@
-"""From a programme's file to tests that are ready to run."""
+"""Build a programme of hybrid tests from a programme file."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ from structid.study.building.named_kind import kind_named
 from structid.study.building.priors import parameter_space
 from structid.study.building.records import load_record
 from structid.study.programmes.programme_file import (
-    CompensationSection,
-    CouplingSection,
+    CompensationTable,
+    CouplingTable,
     ProgrammeFile,
-    SensorSection,
-    TestSection,
+    SensorTable,
+    TestTable,
 )
 from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of, moved_channels, moved_model
-from structid.study.schema.static_tables import ModelSection
+from structid.study.schema.static_tables import ModelTable
 
 OPENFRESCO = "openfresco://"
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedProgramme:
-    """A programme that is ready to run."""
+    """A programme of hybrid tests that is ready to run."""
 
     file: ProgrammeFile  # content of the file
     folder: Path  # base of relative paths
-    record: GroundMotion  # unscaled record
-    structure: CutStructure  # structure of two parts
+    record: GroundMotion  # record before scaling
+    structure: CutStructure  # structure divided into two parts
 
     def specimen(self) -> SimulatedSpecimen:
-        """Make a new simulated specimen."""
+        """Build a new simulated specimen."""
         given, structure = self.file.specimen, self.structure
         model = moved_model(given.model, self.folder)
         actuators = [self._actuator(unit) for unit in structure.units]
@@ -73,14 +73,14 @@ class PlannedProgramme:
             )
 
     def laboratory(self, address: str, secret: str | Callable[[], str]) -> Specimen:
-        """Connect to a specimen elsewhere."""
+        """Connect to a remote specimen."""
         if address.startswith(OPENFRESCO):
             description = self.specimen().describe().model_copy(update={"simulated": False, "software": "OpenFresco"})
             return OpenFrescoSpecimen(address.removeprefix(OPENFRESCO), description)
         return RemoteSpecimen(address, secret if isinstance(secret, str) else secret())
 
     def _actuator(self, unit: str) -> Actuator:
-        """An actuator; for a rotating channel, stroke, speed, noise and range refer to its end, 1 m away."""
+        """Build an actuator; for a rotation channel, stroke, speed, noise and range refer to a lever of 1 m."""
         given = self.file.specimen.actuator
         settings = {name: getattr(given, name) for name in ("delay", "lag", "stroke", "velocity", "force")}
         with within("table 'specimen.actuator'"):
@@ -90,7 +90,7 @@ class PlannedProgramme:
                 force_sensor=_sensor(given.force_sensor, "N", "specimen.actuator.force_sensor"),
             )
 
-    def test(self, section: TestSection, specimen: Specimen) -> HybridTest:
+    def test(self, section: TestTable, specimen: Specimen) -> HybridTest:
         """Build a test."""
         numerical, physical = self.parts(section.modes)
         with within(f"test '{section.name}'"):
@@ -106,12 +106,12 @@ class PlannedProgramme:
                 duration=section.duration,
             )
 
-    def record_of(self, section: TestSection) -> GroundMotion:
+    def record_of(self, section: TestTable) -> GroundMotion:
         """Scale the record for a test."""
         return replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Divide the structure; tests with equal numbers of modes share the parts with their compiled code."""
+        """Divide the structure; tests with the same number of modes share the parts and their compiled code."""
         if modes not in self._parts:
             self._parts[modes] = self.structure.parts(modes)
         return self._parts[modes]
@@ -122,7 +122,7 @@ class PlannedProgramme:
 
     @cached_property
     def coupling(self) -> Coupling:
-        """Coupling of all tests."""
+        """Coupling method of all tests."""
         return _coupling(self.file.coupling)
 
     def programme(self, specimen: Specimen | None = None) -> Programme:
@@ -133,7 +133,7 @@ class PlannedProgramme:
         return Programme({name: replace(test, online=online) for name, test in tests.items()})
 
     def online(self) -> UnscentedFilter | None:
-        """Make the filter that tracks the specimen through all tests."""
+        """Build the filter that estimates the specimen's parameters during all tests."""
         section = self.file.online
         if section is None:
             return None
@@ -144,10 +144,10 @@ class PlannedProgramme:
             )
 
     def learnable(self) -> TraceableModel:
-        """Build the model whose parameters are learnt."""
+        """Build the model whose parameters are estimated."""
         file = self.file
         if file.model is None or not file.parameters:
-            raise InputError("the file", "neither [model] nor [parameters]", "the model that is learnt, and its priors")
+            raise InputError("the file", "no [model] or no [parameters]", "a model of the specimen, with priors")
         space, channels = parameter_space(file), moved_channels(file.model)
         model = as_traceable(build_model(file.model, space, file.derived, channels, self.folder), "table 'model'")
         force = model.static_force(np.ones((1, len(model.free))))
@@ -157,30 +157,30 @@ class PlannedProgramme:
         return model
 
     def known_sd(self) -> Float[np.ndarray, " channel"] | None:
-        """Standard deviations of the measured forces, if given."""
+        """Standard deviations of the measured forces; None if not given."""
         given = None if self.file.learning is None else self.file.learning.sd
         if given is None:
             return None
         units = ["N*m" if unit == "rad" else "N" for unit in self.structure.units]
         if len(given) != len(units):
-            allowed = f"one for each of {', '.join(self.structure.channels)}"
+            allowed = f"one number for each of {', '.join(self.structure.channels)}"
             raise InputError("key 'learning.sd'", f"{len(given)} numbers", allowed)
         return np.array([to_si(sd, unit, "key 'learning.sd'") for sd, unit in zip(given, units, strict=True)])
 
-    def section_of(self, name: str) -> TestSection:
+    def section_of(self, name: str) -> TestTable:
         """Find a test by name."""
         return next(section for section in self.file.test if section.name == name)
 
 
 def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
-    """Build a programme."""
+    """Build a programme, and check its references between tables."""
     names = [section.name for section in file.test]
     if len(set(names)) < len(names):
-        raise InputError("key 'test'", f"the names {', '.join(names)}", "each name once")
+        raise InputError("key 'test'", f"the names {', '.join(names)}", "different names")
     if file.learning is not None:
         if file.model is None or not file.parameters:
             raise InputError(
-                "table 'learning'", "neither [model] nor [parameters]", "the model that is learnt, and its priors"
+                "table 'learning'", "no [model] or no [parameters]", "a model of the specimen, with priors"
             )
         for key in ("from_test", "predict"):
             name = getattr(file.learning, key)
@@ -197,8 +197,8 @@ def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
     return PlannedProgramme(file, folder, record, cut_structure(file.structure, _expected(file), folder, alike))
 
 
-def _expected(file: ProgrammeFile) -> ModelSection:
-    """Expected specimen for virtual runs: the learnt model at its prior medians."""
+def _expected(file: ProgrammeFile) -> ModelTable:
+    """Expected specimen for virtual runs: the calibrated model at its prior medians."""
     if file.model is None:
         return file.specimen.model
     space = parameter_space(file)
@@ -208,24 +208,24 @@ def _expected(file: ProgrammeFile) -> ModelSection:
     return file.model.model_copy(update=named)
 
 
-def _sensor(section: SensorSection, unit: str, where: str) -> Sensor:
+def _sensor(section: SensorTable, unit: str, where: str) -> Sensor:
     noise, limit = (None if v is None else to_si(v, unit, f"key '{where}'") for v in (section.noise, section.range))
     return Sensor(0.0 if noise is None else noise, limit, section.bits)
 
 
-def _coupling(section: CouplingSection) -> Coupling:
+def _coupling(section: CouplingTable) -> Coupling:
     if section.type == "gravouil_combescure":
         if section.alpha:
-            raise InputError("key 'coupling.alpha'", f"{section.alpha:g}", "nothing: this coupling has α = 0")
+            raise InputError("key 'coupling.alpha'", f"{section.alpha:g}", "no such key: this coupling has α = 0")
         return GravouilCombescure(section.substeps, section.fine)
     return PrakashHjelmstad(section.substeps, section.fine, alpha=section.alpha or 0.0)
 
 
-def _compensation(section: CompensationSection | None) -> Compensation | None:
+def _compensation(section: CompensationTable | None) -> Compensation | None:
     if section is None:
         return None
     if section.type == "adaptive_time_series":
         if section.order is not None:
-            raise InputError("key 'compensation.order'", f"{section.order}", "nothing: it is a polynomial's")
+            raise InputError("key 'compensation.order'", f"{section.order}", "no such key: only polynomial has it")
         return AdaptiveTimeSeries(section.delay)
     return PolynomialExtrapolation(section.delay, 3 if section.order is None else section.order)

@@ -1,4 +1,4 @@
-"""The file of a programme of hybrid tests: its tables, and how it is read and checked."""
+"""The file of a programme of hybrid tests: its tables, and functions to read and check it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import pydantic
 from pydantic import Field, create_model
 
-from structid.core.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
+from structid.core.keys import FileTable, Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, quantity
 from structid.inference.error_models import error_model_list
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 from structid.inference.sampling import sampler_list
@@ -18,14 +18,14 @@ from structid.models import model_list
 from structid.models.masonry import wall_kind
 from structid.models.model_kind import ModelKind
 from structid.study.schema.kinds import (
-    SurrogateSection,
-    discrepancy_section,
-    model_section,
-    sampler_section,
-    surrogate_section,
+    SurrogateTable,
+    discrepancy_table,
+    model_table,
+    sampler_table,
+    surrogate_table,
 )
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.static_tables import LARGEST_COUNT, CalibrationSection, ModelSection, PriorSection
+from structid.study.schema.static_tables import LARGEST_COUNT, CalibrationTable, ModelTable, PriorTable
 from structid.study.schema.study_file import CalibrationFile, study_content
 from structid.surrogates import surrogate_list as surrogates
 from structid.surrogates.surrogate_kind import SurrogateKind
@@ -36,8 +36,8 @@ Newtons: Any = quantity("N")
 NewtonsPerMetre: Any = quantity("N/m")
 
 
-class ShearFrameSection(Section):
-    """A frame whose lowest storey is the specimen; the storeys above it stay linear."""
+class ShearFrameTable(FileTable):
+    """A shear frame whose lowest storey is the specimen; the storeys above it stay linear."""
 
     type: Literal["shear_frame"]
     storeys: int = Field(ge=2, le=100)
@@ -48,17 +48,17 @@ class ShearFrameSection(Section):
     share: Annotated[Fraction, Field(gt=0, lt=1)] = 0.5
 
 
-class FacadeSection(Section):
-    """Two storeys of a masonry wall; the lower one is the specimen, the upper one stays linear."""
+class FacadeTable(FileTable):
+    """A masonry wall of two storeys; the lower storey is the specimen, the upper storey stays linear."""
 
     type: Literal["facade"]
-    wall: ModelSection
+    wall: ModelTable
     floor_mass: Kilograms = 6000.0
     roof_mass: Kilograms = 6000.0
     stiffness_margin: Annotated[float, Field(ge=1)] = 1.2
 
 
-class SensorSection(Section):
+class SensorTable(FileTable):
     """Noise and quantisation of a sensor; see `Sensor`."""
 
     noise: float | str = 0.0
@@ -66,29 +66,29 @@ class SensorSection(Section):
     bits: int = Field(default=16, ge=1, le=32)
 
 
-class ActuatorSection(Section):
-    """An actuator of a simulated specimen, for every channel; see `Actuator`."""
+class ActuatorTable(FileTable):
+    """The actuator of every channel of a simulated specimen; see `Actuator`."""
 
     delay: Seconds = 0.0
     lag: Seconds = 0.0
     stroke: Metres | None = None
     velocity: MetresPerSecond | None = None
     force: Newtons | None = None
-    displacement_sensor: SensorSection = SensorSection()
-    force_sensor: SensorSection = SensorSection()
+    displacement_sensor: SensorTable = SensorTable()
+    force_sensor: SensorTable = SensorTable()
 
 
-class SpecimenSection(Section):
+class SpecimenTable(FileTable):
     """A simulated specimen: its true behaviour, and its actuators."""
 
-    model: ModelSection
-    actuator: ActuatorSection = ActuatorSection()
+    model: ModelTable
+    actuator: ActuatorTable = ActuatorTable()
     controller_step: Seconds = 1e-3
     real_time: bool = False
 
 
-class CouplingSection(Section):
-    """The coupling of both parts; see `PrakashHjelmstad` and `GravouilCombescure`."""
+class CouplingTable(FileTable):
+    """The coupling of the two parts; see `PrakashHjelmstad` and `GravouilCombescure`."""
 
     type: Literal["prakash_hjelmstad", "gravouil_combescure"] = "prakash_hjelmstad"
     substeps: int = Field(default=10, ge=1, le=10_000)
@@ -96,7 +96,7 @@ class CouplingSection(Section):
     alpha: float | None = None
 
 
-class CompensationSection(Section):
+class CompensationTable(FileTable):
     """Delay compensation; see `PolynomialExtrapolation` and `AdaptiveTimeSeries`."""
 
     type: Literal["polynomial", "adaptive_time_series"]
@@ -104,7 +104,7 @@ class CompensationSection(Section):
     order: int | None = None
 
 
-class TestSection(Section):
+class TestTable(FileTable):
     """One test of the programme."""
 
     __test__ = False
@@ -116,16 +116,16 @@ class TestSection(Section):
     duration: Seconds | None = None
 
 
-class OnlineSection(Section):
-    """A filter that tracks the parameters of [model] during the tests; see `UnscentedFilter`."""
+class OnlineTable(FileTable):
+    """A filter that estimates the parameters of [model] during the tests; see `UnscentedFilter`."""
 
     force_noise: Newtons
     drift: float = Field(default=0.0, ge=0)
     update: bool = False
 
 
-class LearningSection(Section):
-    """Learning from one test and those before, and prediction of a later test."""
+class LearningTable(FileTable):
+    """Learning from one test and all tests before it, and prediction of a later test."""
 
     from_test: str
     predict: str | None = None
@@ -137,22 +137,22 @@ class LearningSection(Section):
 class ProgrammeFile(CalibrationFile):
     """A programme of hybrid tests on one specimen."""
 
-    structure: ShearFrameSection | FacadeSection
-    specimen: SpecimenSection
+    structure: ShearFrameTable | FacadeTable
+    specimen: SpecimenTable
     dt: Annotated[Seconds, Field(gt=0)]
-    coupling: CouplingSection = CouplingSection()
-    compensation: CompensationSection | None = None
-    test: Annotated[tuple[TestSection, ...], Field(min_length=1)]
-    online: OnlineSection | None = None
-    learning: LearningSection | None = None
-    surrogate: SurrogateSection
-    calibration: CalibrationSection | None = None
-    model: ModelSection | None = None  # type: ignore[assignment]
-    parameters: dict[str, PriorSection] = Field(default_factory=dict)
+    coupling: CouplingTable = CouplingTable()
+    compensation: CompensationTable | None = None
+    test: Annotated[tuple[TestTable, ...], Field(min_length=1)]
+    online: OnlineTable | None = None
+    learning: LearningTable | None = None
+    surrogate: SurrogateTable
+    calibration: CalibrationTable | None = None
+    model: ModelTable | None = None  # type: ignore[assignment]
+    parameters: dict[str, PriorTable] = Field(default_factory=dict)
 
 
 def programme_file() -> type[ProgrammeFile]:
-    """Type of a programme's file, with the kinds registered now."""
+    """Type of a programme file, with the currently registered kinds."""
     return _programme_file(
         model_list.MODELS, tuple(error_model_list.ERROR_MODELS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
     )
@@ -161,18 +161,18 @@ def programme_file() -> type[ProgrammeFile]:
 @functools.cache
 def _programme_file(
     model_kinds: tuple[ModelKind, ...],
-    law_kinds: tuple[ErrorModelKind, ...],
+    error_model_kinds: tuple[ErrorModelKind, ...],
     sampler_kinds: tuple[SamplerKind, ...],
     surrogate_kinds: tuple[SurrogateKind, ...],
 ) -> type[ProgrammeFile]:
-    model: Any = model_section(kind for kind in model_kinds if kind.moved_channel)
-    discrepancy: Any = discrepancy_section(law_kinds)
-    sampler: Any = sampler_section(sampler_kinds)
-    surrogate: Any = surrogate_section(surrogate_kinds)
-    specimen: Any = create_model("specimen_section", __base__=SpecimenSection, model=(model, ...))
-    wall: Any = model_section([wall_kind.KIND])
-    facade: Any = create_model("facade_section", __base__=FacadeSection, wall=(wall, ...))
-    structure: Any = Annotated[ShearFrameSection | facade, Field(discriminator="type")]
+    model: Any = model_table(kind for kind in model_kinds if kind.moved_channel)
+    discrepancy: Any = discrepancy_table(error_model_kinds)
+    sampler: Any = sampler_table(sampler_kinds)
+    surrogate: Any = surrogate_table(surrogate_kinds)
+    specimen: Any = create_model("specimen_table", __base__=SpecimenTable, model=(model, ...))
+    wall: Any = model_table([wall_kind.KIND])
+    facade: Any = create_model("facade_table", __base__=FacadeTable, wall=(wall, ...))
+    structure: Any = Annotated[ShearFrameTable | facade, Field(discriminator="type")]
     result: type[ProgrammeFile] = create_model(
         "ProgrammeFile",
         __base__=ProgrammeFile,
@@ -187,12 +187,12 @@ def _programme_file(
 
 
 def is_programme(content: dict[str, Any]) -> bool:
-    """Whether a file describes a programme."""
+    """Whether a file describes a programme of hybrid tests."""
     return "test" in content or ("specimen" in content and "structure" in content)
 
 
 def read_programme(path: str | Path) -> ProgrammeFile:
-    """Read the file of a programme and check every key."""
+    """Read a programme file and check every key."""
     content = study_content(path)
     try:
         return programme_file().model_validate(content)

@@ -1,4 +1,4 @@
-"""Run a programme of hybrid tests from its file to its report."""
+"""Run a programme of hybrid tests, from the programme file to the report."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from structid.study.timings import Stage, Timings, silent
 class ProgrammeOutcome:
     """Outcome of a programme."""
 
-    programme: ProgrammeResult  # the tests
+    programme: ProgrammeResult  # results of the tests
     learnt: Learnt | None  # posterior and prediction
-    report: Path  # the page
+    report: Path  # path of the page
 
 
 def load_programme(path: str | Path) -> PlannedProgramme:
-    """Read and build a programme."""
+    """Read a programme file and build the programme."""
     programme = planned(read_programme(path), Path(path).resolve().parent)
     if programme.file.learning is not None or programme.file.online is not None:
         programme.learnable()
@@ -51,25 +51,25 @@ def run_programme(
     stage: Stage = silent,
     watching: Callable[[str, HybridTest], None] | None = None,
 ) -> ProgrammeOutcome:
-    """Run a programme."""
+    """Run a programme of hybrid tests."""
     programme, folder = load_programme(path), Path(out)
     specimen = programme.laboratory(address, secret) if address else None
     _claim(folder, Path(path), resume)
     timings = Timings(folder / TIMINGS)
     with timings.measured("tests"):
         tests = programme.programme(specimen).run(folder, resume=resume, watching=watching)
-    return _taught(programme, tests, folder, timings, stage)
+    return _learn_and_report(programme, tests, folder, timings, stage)
 
 
 def programme_report_again(folder: str | Path, stage: Stage = silent) -> ProgrammeOutcome:
-    """Write the report again from what is stored."""
+    """Rewrite the report from stored results."""
     folder = Path(folder)
     programme = planned(read_programme(folder / STUDY), folder / INPUTS)
     names = [section.name for section in programme.file.test]
     tests = {name: open_hybrid(store_of(folder, name)) for name in names if store_of(folder, name).exists()}
     if not tests:
-        raise InputError(f"{folder}", "no test", "a folder that structid hybrid has filled")
-    return _taught(programme, ProgrammeResult(tests, tuple(names)), folder, Timings(folder / TIMINGS), stage)
+        raise InputError(f"{folder}", "no test", "an output folder of structid hybrid")
+    return _learn_and_report(programme, ProgrammeResult(tests, tuple(names)), folder, Timings(folder / TIMINGS), stage)
 
 
 def check_programme(
@@ -80,10 +80,10 @@ def check_programme(
     return programme.programme(programme.laboratory(address, secret) if address else None).check()
 
 
-def _taught(
+def _learn_and_report(
     programme: PlannedProgramme, tests: ProgrammeResult, folder: Path, timings: Timings, stage: Stage
 ) -> ProgrammeOutcome:
-    """Learn from the tests, and write the page."""
+    """Compute the posterior from the tests, and write the page."""
     with timings.measured("learning"):
         learnt = learnt_of(programme, tests, folder, stage)
     if learnt is not None:
@@ -97,7 +97,7 @@ def _taught(
 
 
 def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[str, float]:
-    """True parameters of a simulated specimen of the learnt kind."""
+    """True parameters of a simulated specimen, if the calibrated model has the same type."""
     file = programme.file
     simulated = all(test.description.simulated for test in tests.tests.values())
     if not simulated or file.model is None or file.model.type != file.specimen.model.type:
@@ -107,14 +107,14 @@ def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[st
 
 
 def _claim(folder: Path, path: Path, resume: bool) -> None:
-    """Reserve a folder for this programme, or refuse it."""
+    """Reserve a folder for this programme, or reject the folder."""
     kept, text = folder / STUDY, study_text(path)
     if kept.is_file():
         if study_text(kept) != text:
-            raise InputError(f"{folder}", "it holds another programme", "a new folder, or the same file")
+            raise InputError(f"{folder}", "it contains another programme", "a new folder, or the same programme file")
         if not resume:
             raise InputError(
-                f"{folder}", "it holds this programme already", "a new folder", "Or add --resume to go on."
+                f"{folder}", "it already contains this programme", "a new folder", "Add --resume to continue it."
             )
         return
     if folder.exists() and any(folder.iterdir()):

@@ -1,4 +1,4 @@
-"""Structures that a programme can divide into a numerical and a physical part."""
+"""Structures that a programme divides into a numerical and a physical part."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from structid.models.masonry.masonry_wall import MasonryWall
 from structid.models.traceable import as_traceable
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import kind_named
-from structid.study.programmes.programme_file import FacadeSection, ShearFrameSection
-from structid.study.schema.static_tables import ModelSection
+from structid.study.programmes.programme_file import FacadeTable, ShearFrameTable
+from structid.study.schema.static_tables import ModelTable
 
 
-def moved_model(section: ModelSection, folder: Path) -> Model:
+def moved_model(section: ModelTable, folder: Path) -> Model:
     """Build a model for imposed displacements without free parameters."""
     return true_model(section, moved_channels(section), folder)
 
 
-def moved_channels(section: ModelSection) -> tuple[str, ...]:
-    """Names of the channels that allow building a model for imposed displacements."""
+def moved_channels(section: ModelTable) -> tuple[str, ...]:
+    """Names of the channels with which a model for imposed displacements is built."""
     return (kind_named(section.type, model_list.MODELS).moved_channel,)
 
 
@@ -42,40 +42,38 @@ def force_of(model: Model, dofs: int) -> RestoringForce:
     """Restoring force of a model without free parameters."""
     force = as_traceable(model, "key 'specimen.model'").static_force(np.zeros((1, 0)))
     if force is None or force.dofs != dofs:
-        came = f"a {model.kind_in_words}" + (
-            "" if force is None else f", on which {force.dofs} displacements are imposed"
-        )
+        came = f"a {model.kind_in_words}" + ("" if force is None else f" with {force.dofs} imposed displacements")
         raise InputError(
-            "key 'specimen.model'", came, f"a model on which {dofs} can be imposed", "Match it to [structure]."
+            "key 'specimen.model'", came, f"a model with {dofs} imposed displacements", "Match it to [structure]."
         )
     return force
 
 
 class CutStructure(ABC):
-    """A structure of two parts."""
+    """A structure divided into two parts."""
 
-    alike: UpdatedSprings | None = None  # springs of the numerical part that adopt what is learnt of the specimen
+    alike: UpdatedSprings | None = None  # springs of the numerical part that adopt the specimen's parameters
     channels: tuple[str, ...]  # channels of the specimen
-    units: tuple[str, ...]  # their units
+    units: tuple[str, ...]  # units of the channels
 
     @abstractmethod
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Numerical and physical part."""
+        """Return the numerical and the physical part."""
 
 
 @dataclass(frozen=True)
 class CutFrame(CutStructure):
-    """A shear frame above its lowest storey."""
+    """A shear frame, divided above its lowest storey."""
 
-    section: ShearFrameSection  # content of the file
+    section: ShearFrameTable  # content of the file
     expected: Model  # expected specimen
-    # Springs of the storeys above, where they are built like the specimen and take over what is learnt of it
+    # Springs of the upper storeys, which adopt the estimated parameters of the specimen, if online.update is true
     alike: UpdatedSprings | None = None
     channels = ("drift",)
     units = ("m",)
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part; see `CutStructure.parts`."""
+        """Return the numerical and the physical part; see `CutStructure.parts`."""
         given = self.section
         frame = ShearFrame(
             storeys=given.storeys,
@@ -96,18 +94,18 @@ class CutFrame(CutStructure):
 
 @dataclass(frozen=True)
 class CutFacade(CutStructure):
-    """A facade of two storeys."""
+    """A facade of two storeys, divided between them."""
 
-    section: FacadeSection  # content of the file
+    section: FacadeTable  # content of the file
     expected: Model  # expected specimen
     folder: Path  # base of relative paths
     channels = ("u_x", "u_y", "theta")
     units = ("m", "m", "rad")
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
-        """Give numerical and physical part; see `CutStructure.parts`."""
+        """Return the numerical and the physical part; see `CutStructure.parts`."""
         given = self.section
-        wall = cast(MasonryWall, moved_model(given.wall, self.folder))  # the schema allows no other
+        wall = cast(MasonryWall, moved_model(given.wall, self.folder))  # the schema allows only a masonry wall
         cut = facade_parts(wall, modes=modes, masses=FloorMasses(given.floor_mass, given.roof_mass))
         expected = CarriedOver(force_of(self.expected, BEAM), np.zeros((1, BEAM)))
         return cut.upper, replace(
@@ -115,10 +113,10 @@ class CutFacade(CutStructure):
         )
 
 
-def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> UpdatedSprings:
-    """Make springs like the specimen for the storeys above it."""
+def built_alike(section: ShearFrameTable, specimen: RestoringForce) -> UpdatedSprings:
+    """Build springs for the upper storeys with the hysteretic model of the specimen."""
     if not isinstance(specimen, HystereticSprings):
-        raise InputError("key 'online.update'", "true, and a specimen that is no spring", "a law of springs, or false")
+        raise InputError("key 'online.update'", "true for a specimen that is not a spring", "false, or a spring model")
     count = section.storeys - 1
     between = np.eye(count, section.storeys, k=1) - np.eye(count, section.storeys)
     stiffness, mass = (np.full(count, float(value[0])) for value in (specimen.stiffness, specimen.mass))
@@ -126,12 +124,12 @@ def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> Updated
 
 
 def cut_structure(
-    section: ShearFrameSection | FacadeSection, expected: ModelSection, folder: Path, alike: bool = False
+    section: ShearFrameTable | FacadeTable, expected: ModelTable, folder: Path, alike: bool = False
 ) -> CutStructure:
-    """Build the structure of a programme."""
-    if isinstance(section, ShearFrameSection):
+    """Build the divided structure of a programme."""
+    if isinstance(section, ShearFrameTable):
         model = moved_model(expected, folder)
         return CutFrame(section, model, built_alike(section, force_of(model, 1)) if alike else None)
     if alike:
-        raise InputError("key 'online.update'", "true for a facade", "false", "Its upper storey stays linear.")
+        raise InputError("key 'online.update'", "true for a facade, whose upper storey stays linear", "false")
     return CutFacade(section, moved_model(expected, folder), folder)

@@ -1,1 +1,1 @@
-"""Schema: the keys of a study file with units and defaults, and error messages for mistakes."""
+"""Schema of study files: keys with units and defaults, and messages for errors."""

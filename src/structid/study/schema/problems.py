@@ -1,4 +1,4 @@
-"""Problems of a study file, in words."""
+"""Messages for the problems of a study file."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class StudyErrors(InputError):
         return (StudyErrors, (self.path, self.problems))
 
 
-_VARIANTS = {"float", "str", "PriorSection", "int"}
-"""Steps of pydantic's locations that name a variant of a type, not a key."""
+_VARIANTS = {"float", "str", "PriorTable", "int"}
+"""Steps in pydantic's locations that are variants of a type, not keys."""
 
 
 def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str:
-    """Describe one problem in a paragraph: key, given value, expected value, advice."""
+    """Describe one problem in a paragraph: key, given value, expected value, remedy."""
     words, tags = _words_of_models(schema), _tags(schema)
     steps = [
         s
@@ -35,7 +35,7 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
         if not (isinstance(s, str) and (s in _VARIANTS or s in tags or "[" in s or "tuple" in s))
     ]
     if steps[:1] == ["observation"] and isinstance(content.get("observation"), dict):
-        steps = [s for s in steps if s != 0]  # a single table stands for a list of one
+        steps = [s for s in steps if s != 0]  # a single table is a list with one element
     key = _counted_from_one(steps) or "the file"
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
@@ -64,7 +64,7 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
 
 
 def _counted_from_one(steps: list[Any]) -> str:
-    """A location of the file as a dotted key; the second [[observation]] is ``observation.2``."""
+    """Location in the file as a dotted key; the second [[observation]] is ``observation.2``."""
     return ".".join(str(s + 1) if isinstance(s, int) else str(s) for s in steps)
 
 
@@ -77,13 +77,13 @@ KINDS_OF_VALUE = {
     "string_type": "a text in quotes",
     "finite_number": "a finite number",
 }
-"""Expected values, by pydantic's name of the mistake."""
+"""Descriptions of the expected value, by pydantic's error type."""
 LIMITS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
-"""Pydantic's names of limits."""
+"""Descriptions of limits, by pydantic's names."""
 
 
 def _allowed(error: Any) -> str:
-    """Expected value in words; empty where pydantic's own message is clearest."""
+    """Description of the expected value; empty if pydantic's own message is clearest."""
     context, kind = error.get("ctx", {}), error["type"]
     if kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
@@ -96,17 +96,17 @@ def _allowed(error: Any) -> str:
 
 
 def _words_of_models(schema: type[BaseModel]) -> list[str]:
-    """Names of the kinds of model."""
+    """Names of all kinds of model."""
     return _words_of(_tables(schema.model_fields["model"].annotation))
 
 
 def _tags(schema: type[BaseModel]) -> set[str]:
-    """Names of all kinds that some table may name; pydantic adds them to its locations."""
+    """Names of all kinds in all tables; pydantic adds them to its locations."""
     return {word for field in schema.model_fields.values() for word in _words_of(_tables(field.annotation))}
 
 
 def _words_of(tables: list[Any]) -> list[str]:
-    """Possible values of the key ``type`` of some tables."""
+    """Possible values of the key ``type`` in some tables."""
     typed = [table.model_fields["type"].annotation for table in tables if "type" in table.model_fields]
     return [word for annotation in typed for word in get_args(annotation) if isinstance(word, str)]
 
@@ -115,7 +115,7 @@ def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseMode
     """Keys of the table at a location of the file."""
     tables: list[Any] = [schema]
     here: Any = content
-    named = False  # the next step is a name that the user has given: a parameter may be called as a key of its prior is
+    named = False  # whether the next step is a user-defined name, which may equal the name of a key
     for step in steps:
         here = here[step] if isinstance(here, (dict, list)) and (isinstance(step, int) or step in here) else {}
         if isinstance(step, int) or named:
@@ -132,7 +132,7 @@ def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseMode
 
 
 def _tables(annotation: Any) -> list[Any]:
-    """All tables that a field's annotation allows."""
+    """All tables that the annotation of a field allows."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     arguments = get_args(annotation) if get_origin(annotation) is not None else ()

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from structid.core.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
+from structid.core.keys import FileTable, Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds
 
 LARGEST_COUNT = 1_000_000
-"""Largest number of runs, points or draws in a file; more are a typing error and would not fit into memory."""
+"""Largest number of runs, points or draws in a file; a larger number is a typing error and would exceed the memory."""
 
 
-class SyntheticSection(Section):
+class SyntheticTable(FileTable):
     """A simulated record; see `GroundMotion.synthetic`."""
 
     seed: int = Field(ge=0)
@@ -26,11 +26,11 @@ class SyntheticSection(Section):
     bandwidth: float = 0.4
 
 
-class RecordSection(Section):
-    """Source and processing of the ground motion, in this order: baseline, filters, resample, trim, scale."""
+class RecordTable(FileTable):
+    """Source and processing of a record; order of processing: baseline, filters, resample, trim, scale."""
 
     file: str | None = None
-    synthetic: SyntheticSection | None = None
+    synthetic: SyntheticTable | None = None
     name: str | None = None
     unit: str | None = None
     dt: Seconds | None = None
@@ -45,8 +45,8 @@ class RecordSection(Section):
     scale: float | None = None
 
 
-class PriorSection(Section):
-    """A prior distribution; numbers are in `unit`, or strings with their own unit."""
+class PriorTable(FileTable):
+    """A prior distribution; its values are numbers in `unit`, or strings with their own unit."""
 
     distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel", "loop"]
     unit: str | None = None
@@ -64,8 +64,8 @@ class PriorSection(Section):
     b: float | None = None
 
 
-class LoopSection(Section):
-    """A measured force-displacement loop that gives priors of stiffness and alpha; see `LoopLines`."""
+class LoopTable(FileTable):
+    """A measured force-displacement loop from which priors of stiffness and alpha are derived; see `LoopLines`."""
 
     file: str
     displacement_unit: str
@@ -76,39 +76,39 @@ class LoopSection(Section):
     yielded: Annotated[Fraction, Field(gt=0, lt=1)] = 0.75
 
 
-class ModelSection(Section):
-    """The model: known parameters by name; the others have priors."""
+class ModelTable(FileTable):
+    """The model with its known parameters by name; the unknown parameters have priors."""
 
     type: str
 
 
-class VirtualSection(Section):
-    """A virtual experiment: the true model's parameters, and the noise as a fraction of each channel's RMS."""
+class VirtualTable(FileTable):
+    """A virtual experiment: parameters of the true model, and noise as a fraction of each channel's RMS."""
 
     noise: Annotated[Fraction, Field(ge=0)] = 0.0
     seed: int | None = Field(default=None, ge=0)
-    model: ModelSection
+    model: ModelTable
 
 
-class ObservationSection(Section):
-    """A measured or virtual history, with its own record if it differs from the study's."""
+class ObservationTable(FileTable):
+    """A measured or virtual history, with its own record if it differs from the record of the study."""
 
     channels: tuple[str, ...] = Field(default=("velocity",), min_length=1)
     file: str | None = None
     unit: str | None = None
     column: int | None = None
     dt: Seconds | None = None
-    virtual: VirtualSection | None = None
-    record: RecordSection | None = None
-    gain: PriorSection | None = None
-    offset: PriorSection | None = None
-    time_shift: float | str | PriorSection | None = None
+    virtual: VirtualTable | None = None
+    record: RecordTable | None = None
+    gain: PriorTable | None = None
+    offset: PriorTable | None = None
+    time_shift: float | str | PriorTable | None = None
     sd: float | str | None = None
     sd_column: int | None = None
 
 
-class DeterministicSection(Section):
-    """Deterministic calibration beside the Bayesian one; an empty list of methods disables it."""
+class DeterministicTable(FileTable):
+    """Deterministic calibration for comparison; an empty list of methods disables it."""
 
     methods: tuple[Literal["pattern_search", "interior_point"], ...] | None = None
     starts: int = Field(default=10, ge=1, le=LARGEST_COUNT)
@@ -116,8 +116,8 @@ class DeterministicSection(Section):
     bounds: dict[str, tuple[float | str, float | str]] = Field(default_factory=dict)
 
 
-class CampaignSection(Section):
-    """A design of model runs, stored; see `Campaign`."""
+class CampaignTable(FileTable):
+    """A stored design of model runs; see `Campaign`."""
 
     runs: int = Field(ge=1, le=LARGEST_COUNT)
     method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
@@ -125,11 +125,11 @@ class CampaignSection(Section):
     seed: int | None = Field(default=None, ge=0)
     channels: tuple[str, ...] = ()
     attempts: int = Field(default=1, ge=1)
-    records: tuple[RecordSection, ...] = ()
+    records: tuple[RecordTable, ...] = ()
 
 
-class CalibrationSection(Section):
-    """Model runs where the posterior is, until a certificate holds; see `calibrate`."""
+class CalibrationTable(FileTable):
+    """Model runs near the posterior, until the surrogate is certified; see `calibrate`."""
 
     true_runs: int = Field(default=500, le=LARGEST_COUNT)
     start: int | None = Field(default=None, ge=10, le=LARGEST_COUNT)
@@ -137,9 +137,9 @@ class CalibrationSection(Section):
     certificate: int = Field(default=30, ge=20, le=LARGEST_COUNT)
 
 
-class PredictionSection(Section):
+class PredictionTable(FileTable):
     """Prediction for other records."""
 
-    records: tuple[RecordSection, ...] = ()
+    records: tuple[RecordTable, ...] = ()
     channels: tuple[str, ...] = ()
     draws: int = Field(default=400, ge=2, le=LARGEST_COUNT)

@@ -1,4 +1,4 @@
-"""The tables of every study file, and its text."""
+"""The tables and the text of study files."""
 
 from __future__ import annotations
 
@@ -10,73 +10,73 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from structid.core.errors import InputError
-from structid.core.keys import Section
+from structid.core.keys import FileTable
 from structid.study.schema.kinds import (
-    DiscrepancySection,
-    SamplerSection,
-    SurrogateSection,
+    DiscrepancyTable,
+    SamplerTable,
+    SurrogateTable,
 )
 from structid.study.schema.static_tables import (
-    CalibrationSection,
-    CampaignSection,
-    DeterministicSection,
-    LoopSection,
-    ModelSection,
-    ObservationSection,
-    PredictionSection,
-    PriorSection,
-    RecordSection,
+    CalibrationTable,
+    CampaignTable,
+    DeterministicTable,
+    LoopTable,
+    ModelTable,
+    ObservationTable,
+    PredictionTable,
+    PriorTable,
+    RecordTable,
 )
 
 
-class CalibrationFile(Section):
-    """Tables of every file that calibrates a model."""
+class CalibrationFile(FileTable):
+    """Tables that all files for the calibration of a model share."""
 
     name: str
     title: str = ""
     seed: int = Field(default=1, ge=0)
-    record: RecordSection
-    model: ModelSection
-    parameters: dict[str, PriorSection] = Field(min_length=1)
+    record: RecordTable
+    model: ModelTable
+    parameters: dict[str, PriorTable] = Field(min_length=1)
     derived: dict[str, str] = Field(default_factory=dict)
     coordinates: dict[str, str] = Field(default_factory=dict)
     correlation: dict[str, float] = Field(default_factory=dict)
-    discrepancy: DiscrepancySection
-    sampler: SamplerSection
+    discrepancy: DiscrepancyTable
+    sampler: SamplerTable
 
 
 class StudyFile(CalibrationFile):
-    """A whole study, but for the tables of its stages (`study_reader.study_file` adds them)."""
+    """A whole study, except for the tables of its stages, which `study_reader.study_file` adds."""
 
     observation: Annotated[
-        tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
+        tuple[ObservationTable, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
-    loop: LoopSection | None = None
-    campaign: CampaignSection | None = None
-    surrogate: SurrogateSection
-    calibration: CalibrationSection | None = None
-    deterministic: DeterministicSection = DeterministicSection()
-    prediction: PredictionSection = PredictionSection()
+    loop: LoopTable | None = None
+    campaign: CampaignTable | None = None
+    surrogate: SurrogateTable
+    calibration: CalibrationTable | None = None
+    deterministic: DeterministicTable = DeterministicTable()
+    prediction: PredictionTable = PredictionTable()
 
 
 def study_content(path: str | Path) -> dict[str, Any]:
     """Read the tables of a study file."""
     file = Path(path)
     if not file.is_file():
-        raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
+        raise InputError(f"{path}", "the file does not exist", "a study file", "Create one with: structid new NAME.")
     try:
         return tomllib.loads(study_text(file))
     except tomllib.TOMLDecodeError as cause:
         raise InputError(
             f"{path}",
-            f"it is no TOML: {cause}",
+            f"it is not valid TOML: {cause}",
             "a TOML file",
-            'A text value needs quotes: mass = "12 t". Decimals have a point: 0.5.',
+            'Put text values in quotes, as in mass = "12 t", and use a decimal point, as in 0.5.',
         ) from None
 
 
 def study_text(file: Path) -> str:
-    """Read the text of a study file: UTF-8 or UTF-16, as editors save it."""
+    """Read the text of a study file in UTF-8 or UTF-16."""
     raw = file.read_bytes()
     try:
         marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -86,7 +86,7 @@ def study_text(file: Path) -> str:
         character = raw[cause.start : cause.start + 1].decode("latin-1")
         raise InputError(
             f"{file}, line {line}",
-            f"a byte that is no UTF-8 (in Latin-1 it would be '{character}')",
+            f"a byte that is not valid UTF-8 (in Latin-1, it is '{character}')",
             "a text file in UTF-8",
-            "Save it as UTF-8, which every editor offers.",
+            "Save the file as UTF-8 in your editor.",
         ) from None

@@ -1,1 +1,1 @@
-"""Stages of a study, one file each. `study/stages/stage_list.py` gives their order."""
+"""Stages of a study, one file per stage. `study/stages/stage_list.py` lists them in order."""

@@ -1,4 +1,4 @@
-"""Stage: a calibration with a surrogate that model runs certify."""
+"""Stage: a calibration with a surrogate, certified by model runs."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from structid.inference.error_model_choice import AUTO
 from structid.report.material.material import calibration_results
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.stages.stage import StudyStage, StudyState, Workplace
-from structid.study.timings import StagesAsTold
+from structid.study.timings import StepProgress
 
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:
     study, posterior, true_posterior = state.study, state.study.sampled, state.true_posterior
-    with StagesAsTold(workplace.stage, workplace.timings) as report, warnings.catch_warnings():
+    with StepProgress(workplace.stage, workplace.timings) as report, warnings.catch_warnings():
         if study.model.batched:
-            warnings.simplefilter("ignore", UnlikeMeasuredWarning)  # asked before the study ran; see `plausibility`
+            warnings.simplefilter("ignore", UnlikeMeasuredWarning)  # `plausibility` has already reported these warnings
         calibration = calibrate(
             study.model,
             posterior.model_space,

@@ -1,4 +1,4 @@
-"""Stage: deterministic calibrations beside the Bayesian one."""
+"""Stage: deterministic calibrations, for comparison with the Bayesian calibration."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "pattern_search": pattern_search,
     "interior_point": interior_point,
 }
-"""Methods by name."""
+"""Search methods by name."""
 
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:
     study = state.study
-    found = {name.replace("_", " "): _search(name, study, workplace) for name in study.search_methods}
-    return state.having(Searches, Searches(found))
+    results = {name.replace("_", " "): _search(name, study, workplace) for name in study.search_methods}
+    return state.having(Searches, Searches(results))
 
 
 def _search(method: str, study: BuiltStudy, workplace: Workplace) -> OptimizeResult:
     section, stored, name = study.file.deterministic, workplace.folder / f"{method}.json", method.replace("_", " ")
-    # A calibration that was continued has another surrogate, with other minima.
+    # A continued calibration has another surrogate, with other minima.
     settings = {**section.model_dump(mode="json"), "posterior": study.sampled.content_hash}
     if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
         return _read_search(stored, study.sampled)
@@ -51,7 +51,7 @@ def _search(method: str, study: BuiltStudy, workplace: Workplace) -> OptimizeRes
 
 
 def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
-    """Bounds of the searches in SI: the study's, within a surrogate's range, outside which its response is constant."""
+    """Bounds of the searches in SI, limited to the range of a surrogate: its response is constant outside its range."""
     stand_in, given = study.sampled.model.stand_in, study.search_bounds
     if stand_in is None:
         return given

@@ -1,4 +1,4 @@
-"""Stage: the choice of the error model by the data."""
+"""Stage: choice of the error model from the data."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from structid.study.stages.stage import StudyStage, StudyState, Workplace
 from structid.surrogates.base import Surrogate
 
 CHOICE = "laws"
-"""Folder of the draws under each error model of a choice."""
+"""Folder of the draws under the candidate error models."""
 
 WITH_HIDDEN_VALUES = SMC(
     particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2, scouts=0
 )
-"""Default sampler where parameters drift: the values at the knots are tens of latent variables."""
+"""Default sampler for drifting parameters, which add tens of latent variables: the values at the knots."""
 
 FOR_CORRELATED_ERRORS = SMC(particles=500, steps=300)
-"""Default sampler where errors are correlated: a variance with a heavy tail takes a hundred moves."""
+"""Default sampler for correlated errors: a heavy-tailed variance needs about a hundred moves."""
 
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:
     study, true_posterior = state.study, state.true_posterior
     assert true_posterior is not None
-    # Proposals are made, and the law is chosen, by the surrogate where there is one.
+    # A surrogate, if there is one, makes the proposals and determines the choice of the error model.
     surrogate = state.results.get(Surrogate)
     posterior = study.sampled if surrogate is None else true_posterior.on(surrogate)
-    if posterior.costs_runs:  # tens of thousands of runs of somebody's solver
+    if posterior.costs_runs:  # the choice would take tens of thousands of runs of an external solver
         return state
     what, seed = "choosing the error model", derived_seed(study.file.seed, Purpose.LAW_CHOICE)
     with workplace.stage(what) as progress, workplace.timings.measured(what):
@@ -58,7 +58,7 @@ def with_error_model(state: StudyState, choice: ErrorModelChoice) -> StudyState:
 
 
 def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
-    """Choose the sampler for a posterior under another error model."""
+    """Choose the sampler for a posterior under a given error model."""
     sampler = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
     named = "sampler" in study.file.model_fields_set
     if posterior.error_model.inside:
@@ -72,11 +72,11 @@ def _too_few(sampler: Sampler, posterior: Posterior) -> bool:
 
 
 def _remark(study: BuiltStudy, posterior: Posterior) -> str:
-    """Remark where the study's sampler is replaced."""
+    """Remark on the replacement of the study's sampler."""
     walkers, dimension = build_sampler(study.file.sampler).walkers, posterior.dimension
     return (
-        f"The {walkers} walkers of the study's sampler cannot span these {dimension} values, knots included; {2 * dimension} or "
-        f"more could. Drawn instead by {WITH_HIDDEN_VALUES.in_words}."
+        f"The {walkers} walkers of the study's sampler are too few for {dimension} values, including the knots; at least "
+        f"{2 * dimension} are needed. Sampler used instead: {WITH_HIDDEN_VALUES.in_words}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Stage: the probability of a passage or a failure, given the data, for records of increasing strength."""
+"""Stage: probability of a passage or a failure, given the data, for records of increasing strength."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.building.passage_limit import limit_of
 from structid.study.building.planned_stage import PlannedStage
 from structid.study.building.records import load_record
-from structid.study.schema.static_tables import LARGEST_COUNT, RecordSection
+from structid.study.schema.static_tables import LARGEST_COUNT, RecordTable
 from structid.study.stages.stage import StageTable, StudyState, Workplace, stage_of_table
 from structid.surrogates.surrogate_list import DEFAULT
 
 
 @dataclass(frozen=True)
 class PlannedFragility(PlannedStage):
-    """Settings of a fragility."""
+    """Settings of a fragility analysis."""
 
     what: ClassVar[str] = "records of rising strength"
 
-    records: tuple[GroundMotion, ...]  # ground motions
-    levels: tuple[float, ...]  # peak ground accelerations [m/s²] to which they are scaled
-    channel: str  # channel whose absolute value passes the limit
-    limit: float  # in SI
+    records: tuple[GroundMotion, ...]  # records to scale
+    levels: tuple[float, ...]  # peak ground accelerations [m/s²] of the scaled records
+    channel: str  # channel whose absolute value is compared with the limit
+    limit: float  # limit in SI
     draws: int  # number of posterior draws
-    surrogate: bool  # whether a surrogate replaces the model at most draws
-    training: int  # number of draws to which it is fitted
-    checks: int  # number of draws that correct it
+    surrogate: bool  # whether a surrogate replaces the model for most draws
+    training: int  # number of draws to which the surrogate is fitted
+    checks: int  # number of draws that correct the surrogate
 
     @property
     def model_runs(self) -> int:
-        """Those of each draw, or of the draws to which a surrogate is fitted and by which it is corrected."""
+        """Number of model runs: for all draws, or for the draws that train and correct a surrogate."""
         runs = self.training + self.checks if self.surrogate else self.draws
         return runs * len(self.records) * len(self.levels)
 
 
 class FragilityTable(StageTable):
-    """The probability of a passage or a failure, given the data, for records of increasing strength; see `fragility`."""
+    """Probability of a passage or a failure, given the data, for records of increasing strength; see `fragility`."""
 
     word: ClassVar[str] = "fragility"
     store: ClassVar[str] = "fragility.journal"
@@ -53,25 +53,25 @@ class FragilityTable(StageTable):
     channel: str
     limit: float | str
     pga: Annotated[tuple[MetresPerSecondSquared, ...], Field(min_length=1)]
-    records: Annotated[tuple[RecordSection, ...], Field(min_length=1)]
+    records: Annotated[tuple[RecordTable, ...], Field(min_length=1)]
     draws: int = Field(default=100, ge=10, le=LARGEST_COUNT)
     surrogate: bool | None = None
     training: int = Field(default=60, ge=10, le=LARGEST_COUNT)
     checks: int = Field(default=30, ge=5, le=LARGEST_COUNT)
 
     @property
-    def records_to_read(self) -> tuple[RecordSection, ...]:
-        """The records that are scaled."""
+    def records_to_read(self) -> tuple[RecordTable, ...]:
+        """The records to scale."""
         return self.records
 
     def planned(self, study: BuiltStudy) -> PlannedFragility:
-        """Read the records and bring everything to SI."""
+        """Read the records, and convert all values to SI."""
         records = tuple(load_record(r, study.folder, f"fragility.records.{i}") for i, r in enumerate(self.records, 1))
         surrogate = not study.model.batched if self.surrogate is None else self.surrogate
         needed = self.training + self.checks + 1
         if surrogate and self.draws < needed:
             raise InputError(
-                "key 'fragility.draws'", f"{self.draws}, with a surrogate that takes {needed - 1}", f"{needed} or more"
+                "key 'fragility.draws'", f"{self.draws}, of which a surrogate needs {needed - 1}", f"{needed} or more"
             )
         return PlannedFragility(
             records,

@@ -1,4 +1,4 @@
-"""Stage: runs over the priors, and what peaks and passages depend on."""
+"""Stage: runs over the priors, first passages, and sensitivity of the peaks."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ class PlannedParameterStudy(PlannedStage):
 
     what: ClassVar[str] = "runs over the priors"
 
-    design: Design  # points
-    model: Model  # the study's model with the required channels
+    design: Design  # points of the runs
+    model: Model  # model of the study with the required channels
     channel: str  # channel of the passages
-    limits: tuple[float, ...]  # in SI
-    above: Mapping[str, float]  # lower bounds [SI] of the part of the priors' range examined separately
-    peaks: tuple[str, ...]  # channels whose peaks are explained
+    limits: tuple[float, ...]  # limits in SI
+    above: Mapping[str, float]  # lower bounds [SI] of the part of the prior range that is also studied separately
+    peaks: tuple[str, ...]  # channels for whose peaks Sobol' indices are computed
 
     @property
     def model_runs(self) -> int:
-        """One at each point."""
+        """Number of model runs: one per point."""
         return len(self.design)
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The points."""
+        """The points of the design."""
         return {"parameter study": self.design.values}
 
 
 class ParameterStudyTable(StageTable):
-    """Runs over the priors: who passes which limits, and what peaks depend on; see `parameter_study`."""
+    """Runs over the priors: first passages of limits, and sensitivity of the peaks; see `parameter_study`."""
 
     word: ClassVar[str] = "parameter_study"
     store: ClassVar[str] = "parameter_study.h5"
@@ -65,7 +65,7 @@ class ParameterStudyTable(StageTable):
         return (self.channel,)
 
     def planned(self, study: BuiltStudy) -> PlannedParameterStudy:
-        """Draw the points and bring limits and bounds to SI."""
+        """Draw the points, and convert limits and bounds to SI."""
         space = study.space
         design = space.sample(self.runs, study.file.seed if self.seed is None else self.seed, self.method)
         model = study.model.recording(*dict.fromkeys((self.channel, *self.peaks)))

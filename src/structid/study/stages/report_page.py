@@ -1,4 +1,4 @@
-"""Stage: the page of a study, its figures, and the netCDF file."""
+"""Stage: the page of a study, its figures, and the netCDF file of its draws."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _write_page(material: PosteriorMaterial, workplace: Workplace) -> None:
 
 
 def posterior_material(state: StudyState, workplace: Workplace) -> PosteriorMaterial:
-    """Collect the material for the page of a calibration."""
+    """Collect the data for the page of a calibration."""
     study = state.study
     assert state.true_posterior is not None
     return PosteriorMaterial(

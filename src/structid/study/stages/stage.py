@@ -1,4 +1,4 @@
-"""A stage of a study: it takes the results of earlier stages and adds its own."""
+"""A stage of a study, which uses the results of earlier stages and adds its own result."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from structid.core.by_type import ByType
-from structid.core.keys import Section
+from structid.core.keys import FileTable
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.planned_stage import PlannedStage
 from structid.study.folder_layout import STUDY, TIMINGS
-from structid.study.schema.static_tables import RecordSection
+from structid.study.schema.static_tables import RecordTable
 from structid.study.timings import Stage, Timings
 
 T = TypeVar("T")
@@ -23,13 +23,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Workplace:
-    """Where and how a study runs."""
+    """Output folder and execution settings of a study."""
 
     folder: Path  # output folder
-    stage: Stage  # opens a progress bar for a named stage
-    executor: Any = None  # executor of an external model's runs
-    retry: bool = False  # repeat failed runs of the campaign
-    adopt: bool = False  # keep the model runs of another version of the model
+    stage: Stage  # opens a progress bar for a stage
+    executor: Any = None  # executor for the runs of an external model
+    retry: bool = False  # whether to repeat failed runs of the campaign
+    adopt: bool = False  # whether to keep the model runs of another version of the model
     page: bool = True  # whether to write the page
 
     @cached_property
@@ -47,55 +47,55 @@ class Workplace:
 class StudyState:
     """A study between two stages."""
 
-    study: BuiltStudy  # the study, with the posterior and the sampler in use
-    true_posterior: Posterior | None = None  # the posterior under the model itself
+    study: BuiltStudy  # the study, with the current posterior and sampler
+    true_posterior: Posterior | None = None  # the posterior with the model itself
     results: ByType = ByType()  # noqa: RUF009 (never changed)  # results of the stages so far
 
     def having(self, kind: type[T], result: T | None) -> StudyState:
-        """Return the state with a further result."""
+        """Return the state with an additional result."""
         return replace(self, results=self.results.having(kind, result))
 
 
-class StageTable(Section):
-    """Keys of a table of the study file that asks for a stage."""
+class StageTable(FileTable):
+    """Keys of a table of the study file that requests a stage."""
 
     word: ClassVar[str]  # name of the table
-    store: ClassVar[str]  # file of the stage's work in the study's folder
-    needs_draws: ClassVar[bool] = False  # whether it starts from draws of the posterior, and so from a measurement
+    store: ClassVar[str]  # file with the work of the stage, in the folder of the study
+    needs_draws: ClassVar[bool] = False  # whether it needs posterior draws, and thus a measurement
 
     @property
-    def records_to_read(self) -> tuple[RecordSection, ...]:
-        """Further records of the table, under its key ``records``."""
+    def records_to_read(self) -> tuple[RecordTable, ...]:
+        """Records of the table, from its key ``records``."""
         return ()
 
     @property
     def channels_to_record(self) -> tuple[str, ...]:
-        """Channels of the model, where nothing is measured."""
+        """Channels that the model must record in a study without a measurement."""
         return ()
 
     def planned(self, study: BuiltStudy) -> PlannedStage:
-        """Return the settings in SI; raise `InputError` where they do not fit the study."""
+        """Return the settings in SI; raise `InputError` if they do not fit the study."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class StudyStage:
-    """One stage.
+    """One stage of a study.
 
     Parameters
     ----------
     result : type
-        What it adds to the results; sections of the report and later stages find it by this type.
+        Type of its result; sections of the report and later stages find the result by this type.
     wanted : callable
-        Whether the study asks for it, given the state before it.
+        Function of the state before the stage; returns whether the study requests the stage.
     run : callable
-        Does the work, or reads back what was done, and returns the state with its result.
+        Function that computes the result, or reads a stored result, and returns the state with this result.
     table : type of StageTable, optional
-        Its own table of the study file.
+        Table of the stage in the study file.
 
     Examples
     --------
-    A stage whose result no other stage needs; `tests/architecture/trial/new_stage.py` has a table of the study file as well.
+    A stage whose result no other stage needs; `tests/architecture/trial/new_stage.py` shows a stage with a table.
 
     >>> from structid.inference.sampling_result import SamplingResult
     >>> from structid.study.stages.stage import StudyStage
@@ -122,7 +122,7 @@ def stage_of_table(
     planned: type[PlannedStage],
     run: Callable[[StudyState, Workplace], StudyState],
 ) -> StudyStage:
-    """A stage that runs where the study file has its table."""
+    """Create a stage that runs if the study file contains its table."""
 
     def wanted(state: StudyState) -> bool:
         return planned in state.study.plans and (not table.needs_draws or SamplingResult in state.results)

@@ -1,4 +1,4 @@
-"""The stages of a study in their order. A new one is a file with its `StudyStage` and a line here."""
+"""The stages of a study, in order. A new stage is a file with a `StudyStage`, and a line here."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STAGES: tuple[StudyStage, ...] = (
     posterior_draws.STAGE,
     fragility_runs.STAGE,
 )
-"""Stages that produce state."""
+"""Stages that produce results."""
 
 PAGE_STAGE = report_page.STAGE
-"""The stage that shows them."""
+"""The stage that writes the page."""

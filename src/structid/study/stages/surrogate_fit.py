@@ -1,4 +1,4 @@
-"""Stage: the surrogate of a study, fitted to model runs, validated on others, put in the model's place."""
+"""Stage: fit the surrogate of a study to model runs, validate it on other runs, and replace the model by it."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def _run(state: StudyState, workplace: Workplace) -> StudyState:
 
 
 def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> None:
-    """Compare the surrogate with model runs it has not seen."""
-    # A stream of its own: the design may be a random one of the same seed.
+    """Compare the surrogate with model runs that were not used in its fit."""
+    # A separate random stream: the training design may be random with the same seed.
     seed = derived_seed(study.file.seed, Purpose.VALIDATION_DESIGN)
     design = study.space.sample(study.validation_runs, seed, "random")
     campaign = Campaign(study.model, study.campaign_records, design, workplace.folder / VALIDATION, assignment="cycle")
@@ -47,7 +47,7 @@ def _validate(surrogate: Surrogate, study: BuiltStudy, workplace: Workplace) -> 
 
 
 def _in_its_place(state: StudyState, surrogate: Surrogate, workplace: Workplace) -> StudyState:
-    """The study that samples the surrogate, or uses it for proposals."""
+    """Replace the model by the surrogate in the sampling, or use the surrogate for proposals."""
     study = state.study
     if study.posterior is None:
         return state
@@ -56,7 +56,7 @@ def _in_its_place(state: StudyState, surrogate: Surrogate, workplace: Workplace)
     try:
         return replace(state, study=replace(study, posterior=study.posterior.on(surrogate)))
     except InputError:
-        write_runs_page(state, workplace)  # so that its validation can be looked at
+        write_runs_page(state, workplace)  # so that the user can inspect the validation
         raise
 
 

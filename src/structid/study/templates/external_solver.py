@@ -1,8 +1,8 @@
-"""A solver to put yours in place of: an oscillator with a hysteretic spring, integrated in plain Python.
+"""Example of an external solver, to be replaced by yours: a hysteretic oscillator, integrated in plain Python.
 
-structid calls `respond` once for each run, in a child process: it may be slow, crash, hang or return too little, and the
-others go on. Parameters arrive in SI under the names the study file gives them; the histories go back in SI, a value for each
-sample of the record. Raise an exception where it fails; numbers that are not finite mean that it diverged there.
+structid calls `respond` once per run, in a child process. If a run crashes, hangs or returns incomplete histories, the other
+runs continue. Parameters arrive in SI units, under their names in the study file. Return histories in SI units, with one value
+per sample of the record. Raise an exception if a run fails. A value that is not finite means that the run diverged there.
 """
 
 from itertools import pairwise
@@ -15,13 +15,13 @@ def respond(parameters, record):
     """Relative velocity of the mass [m/s] under the record, shape (time,)."""
     stiffness = parameters["stiffness"]  # N/m
     yield_displacement = parameters["yield_displacement"]  # m
-    hardening = parameters["hardening"]  # stiffness after yielding over that before
+    hardening = parameters["hardening"]  # ratio of post-yield to initial stiffness
     damping = 2.0 * DAMPING_RATIO * (stiffness * MASS) ** 0.5
 
     def rates(state, ground):
         u, v, z = state
         spring = stiffness * (hardening * u + (1.0 - hardening) * z)
-        # m v' = -m a_g - c v - f, and Bouc and Wen's z' = v - (|v| z + v |z|) / (2 z_y): z is at most z_y
+        # m v' = -m a_g - c v - f, and the Bouc-Wen equation z' = v - (|v| z + v |z|) / (2 z_y), so that |z| <= z_y
         return v, -ground - (damping * v + spring) / MASS, v - 0.5 * (abs(v) * z + v * abs(z)) / yield_displacement
 
     ground, dt = record.values.tolist(), record.dt
@@ -33,7 +33,7 @@ def respond(parameters, record):
 
 
 def runge_kutta(rates, state, before, after, dt):
-    """One step of the classical method of fourth order, under a ground acceleration that is linear between samples."""
+    """One step of the classical fourth-order Runge-Kutta method; the ground acceleration is linear between samples."""
     middle = 0.5 * (before + after)
     k1 = rates(state, before)
     k2 = rates(moved(state, k1, 0.5 * dt), middle)
@@ -44,5 +44,5 @@ def runge_kutta(rates, state, before, after, dt):
 
 
 def moved(state, rate, dt):
-    """Move on from a state by a rate."""
+    """Advance a state by a rate times the time step."""
     return tuple(x + dt * dx for x, dx in zip(state, rate, strict=True))

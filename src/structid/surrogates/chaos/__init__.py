@@ -1,1 +1,1 @@
-"""Polynomial chaos: orthonormal polynomials, and sparse or shrunken expansions in them."""
+"""Polynomial chaos: orthonormal polynomials, and sparse expansions or expansions with shrunk coefficients."""

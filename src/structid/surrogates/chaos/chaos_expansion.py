@@ -1,4 +1,4 @@
-"""A fitted polynomial chaos expansion: its values, moments, Sobol' indices and bootstrap."""
+"""A fitted polynomial chaos expansion: values, moments, Sobol' indices and bootstrap."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 
 @dataclass(frozen=True, eq=False)
 class ChaosExpansion:
-    """A fitted polynomial chaos expansion of one output or many."""
+    """A fitted polynomial chaos expansion of one or many outputs."""
 
     word: ClassVar[str] = "ChaosExpansion"
-    basis: PolynomialBasis  # Every term that some output uses
-    coefficients: Float[np.ndarray, "term output"]  # Zero where an output does not use a term
+    basis: PolynomialBasis  # Terms used by any output
+    coefficients: Float[np.ndarray, "term output"]  # Zero for terms that an output does not use
     # Corrected leave-one-out error relative to the variance of the output
     leave_one_out_error: Float[np.ndarray, " output"]
-    truncation: tuple[tuple[int, float], ...]  # The degree and hyperbolic norm chosen for each output
-    theta: Float[np.ndarray, "run parameter"]  # The points it was fitted to, in SI
-    outputs: Float[np.ndarray, "run output"]  # The values there
+    truncation: tuple[tuple[int, float], ...]  # Selected degree and hyperbolic norm of each output
+    theta: Float[np.ndarray, "run parameter"]  # Training points in SI
+    outputs: Float[np.ndarray, "run output"]  # Training outputs
 
     @property
     def terms(self) -> np.ndarray:
-        """Number of terms each output uses, shape (output,)."""
+        """Number of terms of each output, shape (output,)."""
         return np.asarray(np.count_nonzero(self.coefficients, axis=0))
 
     @property
     def mean(self) -> np.ndarray:
-        """Mean of each output under the prior: the coefficient of the constant, shape (output,)."""
+        """Mean of each output under the prior, the coefficient of the constant term, shape (output,)."""
         return np.asarray(self.prior_coefficients[self._constant].sum(axis=0))
 
     @cached_property
     def prior_coefficients(self) -> np.ndarray:
-        """Coefficients of the polynomials orthonormal under the prior, which give moments and indices, (term, output)."""
+        """Coefficients (term, output) of polynomials orthonormal under the prior; they give moments and Sobol' indices."""
         return self.basis.to_prior(self.coefficients)
 
     @property
@@ -66,11 +66,11 @@ class ChaosExpansion:
         return self.predict(theta), None
 
     def sobol_indices(self, order: int | Literal["total"] = 1) -> Float[np.ndarray, "*parameter output"]:
-        """Compute Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002)."""
+        """Compute Sobol' indices, which are fractions of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002)."""
         if order not in (1, 2, "total"):
             raise InputError("sobol_indices: order", f"{order!r}", '1, 2 or "total"')
         if self.basis.space.correlation is not None:
-            raise InputError("sobol_indices", "correlated parameters", "independent ones", "Sobol' indices need that.")
+            raise InputError("sobol_indices", "correlated parameters", "independent parameters", "Change the prior.")
         used = self.basis.indices > 0
         share = self.prior_coefficients**2 / self.variance
         count = used.sum(axis=1)
@@ -83,13 +83,13 @@ class ChaosExpansion:
         return np.asarray(keep.T.astype(float) @ share)
 
     def bootstrap(self, replicates: int, seed: int) -> Float[np.ndarray, "replicate term output"]:
-        """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979)."""
+        """Refit the coefficients of the selected terms to runs drawn with replacement (Efron 1979)."""
         if self.basis.box is not None:
             raise InputError(
                 "bootstrap",
                 "an expansion whose coefficients shrink with the degree",
-                "one of the other methods",
-                "It has more terms than runs: least squares does not determine them.",
+                "an expansion by another method",
+                "Use another method, since this one has too many terms for least squares.",
             )
         rng = stream(seed, Purpose.BOOTSTRAP)
         columns = self.basis.evaluate(self.theta)
@@ -119,7 +119,7 @@ class ChaosExpansion:
     def from_plain(
         cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> ChaosExpansion:
-        """Rebuild an expansion from what `to_plain` returned."""
+        """Rebuild an expansion from the result of `to_plain`."""
         return cls(
             PolynomialBasis(space, arrays["indices"], arrays.get("box")),
             arrays["coefficients"],

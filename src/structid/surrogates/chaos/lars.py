@@ -1,4 +1,4 @@
-"""Sparse regression: order the terms, fit nested sets of them by least squares, choose how many by leave-one-out.
+"""Sparse regression: order the terms, fit nested sets of terms by least squares, select their number by leave-one-out.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -13,13 +13,13 @@ import scipy
 from jaxtyping import Float, Int
 
 OPTIMISM = 0.25
-"""Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this
-factor. It chooses terms by the same data that assess it, so that its leave-one-out error is optimistic, more so than the
-other's. Measured: on smooth functions it is better by 10 to 10⁵; on functions with kinks its leave-one-out error is a third
-too small."""
+"""Forward selection is preferred only if its leave-one-out error is smaller, by this factor, than the error of least angle
+regression. Forward selection uses the same data for selection and assessment, so its leave-one-out error is more optimistic.
+Measured: for smooth functions it is more accurate by factors of 10 to 10⁵; for functions with kinks its leave-one-out error is
+a third too small."""
 
 FIRST_PATH = 120
-"""Number of terms of the first path. The path is doubled while the best model lies near its end."""
+"""Number of terms of the first path. The path is doubled while the best model is near the end of the path."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class NestedFits:
 
     residual_variance: Float[np.ndarray, " size"]  # Mean squared residual
     leave_one_out: Float[np.ndarray, " size"]  # Mean squared leave-one-out residual
-    # Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column on
+    # Correction for overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column onwards
     correction: Float[np.ndarray, " size"]
 
     @property
@@ -65,7 +65,7 @@ def least_angle_order(
     from sklearn.linear_model import lars_path_gram  # scikit-learn takes a second to import
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns of a term that depends on others, and leaves it out
+        warnings.simplefilter("ignore")  # it warns of linearly dependent terms, and omits them
         _, active, _ = lars_path_gram(
             covariance,
             gram,
@@ -83,7 +83,7 @@ def least_angle_order(
 class SparseFit:
     """A sparse least-squares model."""
 
-    active: Int[np.ndarray, " active"]  # The columns it uses
+    active: Int[np.ndarray, " active"]  # Selected columns
     coefficients: Float[np.ndarray, " active"]
     leave_one_out_error: float  # Corrected leave-one-out error relative to the variance of the response
 
@@ -91,10 +91,10 @@ class SparseFit:
 def orthogonal_order(
     gram: Float[np.ndarray, "term term"], covariance: Float[np.ndarray, " term"], most: int
 ) -> np.ndarray:
-    """Return the order in which orthogonal least squares adds terms: each time the one that lowers the residual most.
+    """Return the order in which orthogonal least squares adds terms; each added term reduces the residual most.
 
-    Works on inner products alone, as a Cholesky factorisation whose pivot is the term with the largest error reduction c²/d.
-    Of the part of a term that is orthogonal to the terms already chosen, d is the squared norm and c the inner product with the
+    The algorithm uses only inner products. It is a Cholesky factorisation whose pivot is the term with the largest error reduction
+    c²/d. For the part of a term orthogonal to the selected terms, d is the squared norm, and c is the inner product with the
     residual (Chen, Billings & Luo 1989, doi 10.1080/00207178908953472).
     """
     factor = np.zeros((most, len(gram)))
@@ -119,8 +119,8 @@ def orthogonal_order(
 class SparseRegression:
     """Sparse least squares of many responses on one design matrix.
 
-    The terms are ordered by least angle regression or by orthogonal least squares. Ordinary least squares is fitted on the
-    first 1, 2, … of them, and the model with the smallest corrected leave-one-out error is kept (Blatman & Sudret 2011,
+    The terms are ordered by least angle regression or orthogonal least squares. Ordinary least squares then uses the first
+    1, 2, … terms. The model with the smallest corrected leave-one-out error is kept (Blatman & Sudret 2011,
     doi 10.1016/j.jcp.2010.12.021).
     """
 
@@ -141,7 +141,7 @@ class SparseRegression:
         return forward if clear else lars
 
     def _along(self, response: np.ndarray, method: str) -> SparseFit:
-        """The best of the nested models along one order of the terms."""
+        """Return the best nested model along one order of the terms."""
         covariance = self._standard.T @ (response - response.mean())
         limit = min(len(response) // 2, len(self._varying))
         most = min(FIRST_PATH, limit)

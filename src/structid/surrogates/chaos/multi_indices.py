@@ -13,7 +13,7 @@ from jaxtyping import Int
 from structid.core.errors import InputError
 
 LARGEST_BASIS = 200_000
-"""Largest number of terms; a larger basis is refused as a mistake."""
+"""Largest number of terms; a larger basis is refused as a probable mistake."""
 
 
 def multi_indices(
@@ -23,7 +23,7 @@ def multi_indices(
     if not (0 < hyperbolic_norm <= 1):
         raise InputError("hyperbolic_norm", f"{hyperbolic_norm}", "a number in (0, 1]")
     if degree < 0 or int(degree) != degree:
-        raise InputError("degree", f"{degree}", "a whole number, 0 or more")
+        raise InputError("degree", f"{degree}", "a whole number of 0 or more")
     order = dimension if interaction is None else min(interaction, dimension)
     budget = degree**hyperbolic_norm * (1 + 1e-12)
     kept = [np.zeros((1, dimension), dtype=int)]
@@ -38,7 +38,7 @@ def multi_indices(
         if sum(map(len, kept)) > LARGEST_BASIS:
             raise InputError(
                 "degree",
-                f"degree {degree} in {dimension} parameters, more than {LARGEST_BASIS} terms",
+                f"degree {degree} in {dimension} parameters gives more than {LARGEST_BASIS} terms",
                 "a smaller basis",
                 "Lower the degree, hyperbolic_norm or interaction.",
             )
@@ -47,12 +47,12 @@ def multi_indices(
 
 
 def by_degree(indices: Int[np.ndarray, "term parameter"]) -> Int[np.ndarray, " term"]:
-    """Return the order of multi-indices: by total degree, and within a degree those of the first parameters first."""
+    """Return the order of multi-indices by total degree; within a degree, the first parameters come first."""
     return np.lexsort((*(-indices.T[::-1]), indices.sum(axis=1)))
 
 
 def _degrees_within(count: int, degree: int, q: float, budget: float) -> np.ndarray:
-    """All tuples of `count` positive degrees with Σ αᵢ^q ≤ budget, shape (n, count)."""
+    """Return all tuples of `count` positive degrees with Σ αᵢ^q ≤ budget, shape (n, count)."""
     rows = np.zeros((1, 0), dtype=int)
     for _ in range(count):
         repeated = np.repeat(rows, degree, axis=0)

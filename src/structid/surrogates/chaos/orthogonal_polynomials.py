@@ -1,4 +1,4 @@
-"""Univariate polynomials orthonormal under a marginal distribution, by their three-term recurrence."""
+"""Univariate polynomials orthonormal under a marginal distribution, computed by their three-term recurrence."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from structid.probability.quadrature import probability_nodes
 from structid.probability.truncation import Marginal
 
 QUADRATURE_NODES = 2000
-"""Quadrature nodes that represent a distribution whose recurrence is computed numerically."""
+"""Number of quadrature nodes that represent a distribution with a numerical recurrence."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrthonormalFamily:
-    """Polynomials orthonormal under one distribution, by their three-term recurrence.
+    """Polynomials orthonormal under one distribution, computed by their three-term recurrence.
 
     x pₙ(x) = bₙ₊₁ pₙ₊₁(x) + aₙ pₙ(x) + bₙ pₙ₋₁(x),  p₀ = 1  (Gautschi 2004, Orthogonal Polynomials, eq. 1.3.13).
     """
@@ -34,10 +34,10 @@ class OrthonormalFamily:
 
     @classmethod
     def of(cls, marginal: Marginal, degree: int) -> OrthonormalFamily:
-        """Choose the family of a marginal and compute its recurrence up to a degree.
+        """Select the family of a marginal, and compute its recurrence up to a degree.
 
-        A lognormal variable enters by its logarithm, because its own polynomials are not complete (Ernst et al. 2012,
-        doi 10.1051/m2an/2011045). A truncated distribution, or one without a classical family, gets a numerical recurrence.
+        For a lognormal variable the polynomials use the logarithm, because polynomials of the variable are not complete (Ernst et
+        al. 2012, doi 10.1051/m2an/2011045). The recurrence is numerical for a truncated or non-classical distribution.
         """
         truncated = np.isfinite(_truncation(marginal)).any()
         n = np.arange(degree + 1, dtype=np.float64)
@@ -68,12 +68,12 @@ class OrthonormalFamily:
         return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
 
     def expansion_of(self, other: OrthonormalFamily, degree: int, low: float, high: float) -> Float[np.ndarray, "_ _"]:
-        """Expand another family's polynomials in these, by Gauss quadrature.
+        """Expand the polynomials of another family in this family, by Gauss quadrature.
 
-        Outside the range the other family's polynomials keep the value they have at its edge.
+        Outside the range, the polynomials of the other family keep their value at the edge of the range.
         """
-        # Golub & Welsch 1969: the nodes are the eigenvalues of the Jacobi matrix, the weights the squared first components
-        # of its eigenvectors.
+        # Golub & Welsch 1969: the nodes are the eigenvalues of the Jacobi matrix, and the weights are the squared first
+        # components of its eigenvectors.
         jacobi = np.diag(self.a) + np.diag(self.b, 1) + np.diag(self.b, -1)
         nodes, vectors = np.linalg.eigh(jacobi)
         mine = np.array(self._recurrence(nodes, degree))
@@ -87,7 +87,7 @@ class OrthonormalFamily:
 
     @classmethod
     def _numerical(cls, marginal: Marginal, degree: int, logarithmic: bool) -> OrthonormalFamily:
-        """Recurrence of the discrete distribution on the quadrature nodes of a marginal."""
+        """Return the recurrence of the discrete distribution on the quadrature nodes of a marginal."""
         p, weight = probability_nodes(QUADRATURE_NODES)
         x = marginal.quantile(p)
         x = np.log(x) if logarithmic else x
@@ -102,7 +102,7 @@ class OrthonormalFamily:
         return self._recurrence(((numpy.log(x) if self.logarithmic else x) - self.shift) / self.scale, degree)
 
     def _recurrence(self, t: Any, degree: int) -> list[Any]:
-        """Values by the recurrence, at points of the polynomials' own variable."""
+        """Return the values by the recurrence, at points of the polynomials' variable."""
         values = [namespace(t).ones_like(t)]
         for n in range(degree):
             previous = self.b[n - 1] * values[n - 1] if n else 0.0
@@ -111,18 +111,18 @@ class OrthonormalFamily:
 
 
 def _truncation(marginal: Marginal) -> np.ndarray:
-    """Bounds that truncate a distribution; infinite where a bound cuts nothing off."""
+    """Return the bounds that truncate a distribution; a bound without effect is infinite."""
     low, high = marginal.base.support()
     cuts = np.array(
         [marginal.low if marginal.low > low else -np.inf, marginal.high if marginal.high < high else np.inf]
     )
-    # A bound that cuts off less than double precision resolves is no truncation.
+    # A bound has no effect if the truncated probability is below double precision.
     beyond = np.array([marginal.base.cdf(cuts[0]), marginal.base.sf(cuts[1])])
     return np.where(beyond < 1e-16, [-np.inf, np.inf], cuts)
 
 
 def _jacobi_recurrence(alpha: float, beta: float, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Recurrence of the Jacobi polynomials, weight (1 − x)^α (1 + x)^β on [−1, 1] (Gautschi 2004, table 1.1)."""
+    """Return the recurrence of Jacobi polynomials, weight (1 − x)^α (1 + x)^β on [−1, 1] (Gautschi 2004, table 1.1)."""
     n = np.arange(degree + 1, dtype=np.float64)
     total = alpha + beta
     a = np.empty(degree + 1)
@@ -141,10 +141,10 @@ def _jacobi_recurrence(alpha: float, beta: float, degree: int) -> tuple[np.ndarr
 def lanczos_recurrence(
     nodes: Float[np.ndarray, " node"], weights: Float[np.ndarray, " node"], degree: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the recurrence of the polynomials orthonormal on weighted nodes, by Lanczos' method.
+    """Compute the recurrence of polynomials orthonormal on weighted nodes, by the Lanczos method.
 
-    Tridiagonalises diag(nodes) from the start vector √weights with full orthogonalisation. This stays accurate where the
-    Stieltjes procedure does not (Gautschi 2004, section 2.2.3).
+    The method tridiagonalises diag(nodes) from the start vector √weights with full orthogonalisation. It is accurate even if
+    the Stieltjes procedure is not (Gautschi 2004, section 2.2.3).
     """
     basis = np.zeros((degree + 1, len(nodes)))
     basis[0] = np.sqrt(weights)

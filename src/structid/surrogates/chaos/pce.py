@@ -1,4 +1,4 @@
-"""Settings and fit of a polynomial chaos expansion: which terms it has, and their coefficients.
+"""Settings and fit of a polynomial chaos expansion: selection of terms, and their coefficients.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -24,12 +24,12 @@ from structid.surrogates.chaos.shrinkage import fit_shrunk
 from structid.surrogates.regression import check_training
 
 PATIENCE = 2
-"""A degree-adaptive fit stops after this many degrees without a smaller leave-one-out error."""
+"""Number of degrees without a smaller leave-one-out error after which a degree-adaptive fit stops."""
 LARGEST_SEARCHED = 6000
-"""A search over degrees stops at a larger basis once it has found a model; a single requested degree may have more terms."""
+"""Number of terms at which a search over degrees stops, once a model is found. One given degree may have more terms."""
 
 METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
-"""Methods that choose the terms and find their coefficients."""
+"""Methods that select the terms and determine their coefficients."""
 
 
 @check_arguments
@@ -40,18 +40,18 @@ class PCE:
     Parameters
     ----------
     degree : int or sequence of int
-        Largest total degree. Of several, each output takes the one with the smallest leave-one-out error; the search stops
-        early when that error no longer falls.
+        Largest total degree. From several degrees, each output uses the one with the smallest leave-one-out error. The search
+        stops early when this error no longer decreases.
     hyperbolic_norm : float or sequence of float
-        q of the hyperbolic truncation, in (0, 1]. Of several, each output takes the best one too.
+        q of the hyperbolic truncation, in (0, 1]. From several values, each output uses the best.
     interaction : int, optional
         Largest number of parameters in one term.
     method : {"sparse", "lars", "forward", "ols", "shrinkage"}
-        How the terms are chosen. ``"lars"`` uses least angle regression and ``"forward"`` forward orthogonal least squares;
-        ``"sparse"`` takes the second if its leave-one-out error is clearly smaller, and the first otherwise. ``"ols"`` chooses
-        none: it is ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs and lets their
-        coefficients shrink with the degree, at rates that it estimates from the runs and that all outputs share; `degree`,
-        `hyperbolic_norm` and `interaction` are not used then.
+        Selection of the terms. ``"lars"`` uses least angle regression, ``"forward"`` forward orthogonal least squares.
+        ``"sparse"`` uses ``"forward"`` if its leave-one-out error is clearly smaller, and ``"lars"`` otherwise. ``"ols"`` is
+        ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs. Its coefficients shrink with
+        the degree, at rates that are estimated from the runs and shared by all outputs; `degree`, `hyperbolic_norm` and
+        `interaction` are then not used.
 
     Examples
     --------
@@ -97,21 +97,21 @@ class PCE:
             raise InputError(
                 "PCE.fit",
                 f"{runs} runs for a basis of {terms} terms",
-                f"{terms + 1} runs or more",
-                'Lower the degree, hyperbolic_norm or interaction, or choose method="sparse".',
+                f"at least {terms + 1} runs",
+                'Lower the degree, hyperbolic_norm or interaction, or use method="sparse".',
             )
 
     def fit(self, design: Design, values: np.ndarray, progress: Progress | None = None) -> ChaosExpansion:
-        """Fit an expansion of one output or many.
+        """Fit an expansion of one or many outputs.
 
         Parameters
         ----------
         design : Design
             Points, with their parameter space.
         values : array-like, shape (run,) or (run, output)
-            The values of the function there.
+            Values of the function at these points.
         progress : callable, optional
-            Called with the number of fitted outputs and the total.
+            Callback whose arguments are the number of fitted outputs and the total number.
 
         Returns
         -------
@@ -153,7 +153,7 @@ class PCE:
                 break
             indices = multi_indices(space.dimension, degree, norm, self.interaction)
             if len(indices) > LARGEST_SEARCHED and all(b is not None for b in best):
-                break  # the models found so far are kept
+                break  # keep the models found so far
             basis = PolynomialBasis(space, indices)
             columns = basis.evaluate(theta)
             if self.method == "ols" and len(basis) >= len(theta):
@@ -184,7 +184,7 @@ class _Candidate:
 
 
 def _whole_basis_fit(columns: np.ndarray, response: np.ndarray) -> SparseFit:
-    """Ordinary least squares on all columns."""
+    """Fit ordinary least squares on all columns."""
     fits = nested_least_squares(columns, response)
     error = float(fits.corrected[-1] / response.var())
     return SparseFit(np.arange(columns.shape[1]), least_squares(columns, response), error)
@@ -193,7 +193,7 @@ def _whole_basis_fit(columns: np.ndarray, response: np.ndarray) -> SparseFit:
 def _expansion(
     space: ParameterSpace, candidates: list[_Candidate], theta: np.ndarray, outputs: np.ndarray
 ) -> ChaosExpansion:
-    """Write the models of all outputs in one basis: the union of their terms."""
+    """Write the models of all outputs in one basis, the union of their terms."""
     every = np.concatenate([f.indices for f in candidates])
     union, row_of_term = np.unique(every, axis=0, return_inverse=True)
     order = by_degree(union)
@@ -216,7 +216,7 @@ def _expansion(
 
 
 def _shrunk_expansion(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ChaosExpansion:
-    """Expansion with more terms than runs, whose coefficients shrink with the degree."""
+    """Fit an expansion with more terms than runs, whose coefficients shrink with the degree."""
     fit = fit_shrunk(space, theta, outputs)
     truncation = ((int(fit.basis.indices.sum(axis=1).max()), 1.0),) * outputs.shape[1]
     return ChaosExpansion(fit.basis, fit.coefficients, fit.leave_one_out_error, truncation, theta, outputs)

@@ -16,7 +16,7 @@ from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
 from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily
 
 MORE_NODES = 60
-"""Quadrature nodes beyond the degree, for functions that are constant outside a range and so are no polynomials."""
+"""Number of quadrature nodes beyond the degree, for functions that are constant outside a range and so not polynomials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +28,14 @@ class PolynomialBasis:
 
     space: ParameterSpace  # The parameters
     indices: Int[np.ndarray, "term parameter"]  # Degree of every parameter in every term
-    # If given, the polynomials are Legendre polynomials on this range of each variable: they stay small all over it.
-    # Outside the range they keep their value at its edge. The range of an independent parameter is in SI, that of a
-    # lognormal one is the range of its logarithm, and that of dependent ones is in standard normal variables
+    # If given, the basis has Legendre polynomials on this range of each variable, which are small in the whole range.
+    # Outside the range they keep their value at the edge. Units of the range: SI for an independent parameter, the
+    # logarithm for a lognormal parameter, standard normal variables for dependent parameters
     box: Float[np.ndarray, "parameter 2"] | None = None
 
     @cached_property
     def families(self) -> tuple[OrthonormalFamily, ...]:
-        """The polynomial family of each parameter."""
+        """Polynomial family of each parameter."""
         degrees = self.indices.max(axis=0, initial=0)
         if self.box is not None:
             return tuple(OrthonormalFamily.legendre(a, b, int(d)) for (a, b), d in zip(self.box, degrees, strict=True))
@@ -53,7 +53,7 @@ class PolynomialBasis:
         return len(self.indices)
 
     def __getitem__(self, terms: Any) -> PolynomialBasis:
-        """Return the basis of some of the terms."""
+        """Return the basis with selected terms."""
         return PolynomialBasis(self.space, self.indices[terms], self.box)
 
     def evaluate(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run term"]:
@@ -71,7 +71,7 @@ class PolynomialBasis:
         return product
 
     def variables(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Return the variables of the polynomials: the parameters, or their transformation; see `box`."""
+        """Return the variables of the polynomials, which are the parameters or their transformation; see `box`."""
         if self.space.correlation is not None and self.box is None:
             return standard_normal(self.space, theta)
         if self.box is None:
@@ -79,7 +79,7 @@ class PolynomialBasis:
         return namespace(theta).clip(box_variables(self.space, theta), self.box[:, 0], self.box[:, 1])
 
     def to_prior(self, coefficients: Float[np.ndarray, "term output"]) -> Float[np.ndarray, "term output"]:
-        """Convert coefficients to those of the same function in the basis that is orthonormal under the prior."""
+        """Convert the coefficients of a function to the basis that is orthonormal under the prior."""
         if self.box is None:
             return coefficients
         degrees = self.indices.max(axis=0, initial=0)
@@ -97,7 +97,7 @@ class PolynomialBasis:
 
 
 def box_variables(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-    """Return variables on a box in which polynomials of the prior and of the box can be expanded in each other."""
+    """Return bounded variables in which polynomials of the prior and of the bounded range can be expanded in each other."""
     if space.correlation is not None:
         return standard_normal(space, theta)
     numpy = namespace(theta)

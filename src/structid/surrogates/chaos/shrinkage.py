@@ -1,10 +1,10 @@
 """Polynomial chaos with more terms than runs: coefficients shrink with the degree, at rates estimated from the runs.
 
-A priori c_α ~ N(0, σ² λ_α) with λ_α = Π_j exp(−2 wⱼ αⱼ), because the coefficients of an analytic function fall geometrically. The
-covariance of an output is σ² (Ψ Λ Ψᵀ + g I). The decay rates w and the noise g maximise the evidence of all outputs together. The
-posterior mean c = Λ Ψᵀ (Ψ Λ Ψᵀ + g I)⁻¹ y interpolates if g is small, and smooths otherwise. The basis holds the terms with the
-largest λ_α, so a parameter whose coefficients fall slowly gets a high degree. (Minimum-norm polynomial approximation:
-Rauhut & Ward 2016, doi 10.1016/j.acha.2015.02.003; evidence: Rasmussen & Williams 2006, section 5.4.)
+The prior is c_α ~ N(0, σ² λ_α) with λ_α = Π_j exp(−2 wⱼ αⱼ), because the coefficients of an analytic function decay geometrically.
+The covariance of an output is σ² (Ψ Λ Ψᵀ + g I). The decay rates w and the noise g maximise the joint evidence of all outputs. The
+posterior mean c = Λ Ψᵀ (Ψ Λ Ψᵀ + g I)⁻¹ y interpolates if g is small, and smooths otherwise. The basis contains the terms with the
+largest λ_α, so a parameter with slowly decaying coefficients gets a high degree. (Minimum-norm polynomial approximation: Rauhut &
+Ward 2016, doi 10.1016/j.acha.2015.02.003; evidence: Rasmussen & Williams 2006, section 5.4.)
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LOG_NOISES = (-32.0, 3.0)
 """Range of the logarithm of the noise."""
 
 SMALLEST_NOISE = 1e-12
-"""Smallest noise, as a share of the mean prior variance of the outputs."""
+"""Smallest noise, as a fraction of the mean prior variance of the outputs."""
 
 MOST_TERMS = 2500
 """Largest number of terms in the basis."""
@@ -36,10 +36,10 @@ LARGEST_DEGREE = 60
 """Largest degree of one parameter."""
 
 NEGLIGIBLE = 1e-11
-"""Share of the energy (sum of squares) of the coefficients that may be left out."""
+"""Fraction of the coefficients' energy (sum of squares) that may be omitted."""
 
 ROUNDS = 3
-"""Number of times the basis is chosen, each time with the current decay rates."""
+"""Number of selections of the basis, each with the current decay rates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class ShrunkFit:
 def fit_shrunk(
     space: ParameterSpace, theta: Float[np.ndarray, "run parameter"], outputs: Float[np.ndarray, "run output"]
 ) -> ShrunkFit:
-    """Fit all outputs with the same decay rates; an output counts in proportion to its variance."""
+    """Fit all outputs with the same decay rates; the weight of an output is proportional to its variance."""
     dimension = theta.shape[1]
     variables = box_variables(space, theta)
     low, high = variables.min(axis=0), variables.max(axis=0)
@@ -76,12 +76,12 @@ def fit_shrunk(
 
 
 def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Ascending positions of the terms with energy, and of every term that is lower than one of them in some parameter."""
+    """Return ascending positions of the terms with energy, and of all terms of lower degree in some parameter."""
     energy = np.sum(coefficients**2, axis=1)
     rising = np.argsort(energy)
     needed = np.ones(len(energy), dtype=bool)
     needed[rising[np.cumsum(energy[rising]) < NEGLIGIBLE * energy[1:].sum()]] = False
-    # Add the lower neighbours of every term kept, from the highest degree down.
+    # Add the lower neighbours of every kept term, from the highest degree down.
     row_of_index = {tuple(index): row for row, index in enumerate(indices)}
     for row in np.argsort(-indices.sum(axis=1), kind="stable"):
         if needed[row]:
@@ -93,20 +93,20 @@ def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def weighted_indices(rates: Float[np.ndarray, " parameter"], most: int) -> Int[np.ndarray, "term parameter"]:
-    """Return the multi-indices with the smallest Σ wⱼ αⱼ, including all that are lower in some parameter."""
+    """Return the multi-indices with the smallest Σ wⱼ αⱼ, including all multi-indices of lower degree in some parameter."""
     budget = rates.min()
     while True:
         indices = _within(rates, budget)
         if len(indices) >= most or budget > LARGEST_DEGREE * rates.max():
             break
         budget *= 1.3
-    # Multi-indices of the same weight are taken in the order of their degree, so that the set stays downward closed.
+    # Multi-indices of equal weight are sorted by degree, so that the set stays downward closed.
     order = np.lexsort((indices.sum(axis=1), np.round(indices @ rates, 12)))
     return indices[order[:most]]
 
 
 def _within(rates: np.ndarray, budget: float) -> np.ndarray:
-    """All multi-indices with Σ wⱼ αⱼ ≤ budget, shape (n, parameter)."""
+    """Return all multi-indices with Σ wⱼ αⱼ ≤ budget, shape (n, parameter)."""
     rows, spent = np.zeros((1, 0), dtype=int), np.zeros(1)
     for rate in rates:
         reach = np.minimum((budget - spent) / rate + 1e-9, LARGEST_DEGREE).astype(int)
@@ -125,11 +125,11 @@ class _Evidence:
         self.bounds = [LOG_RATES] * indices.shape[1] + [LOG_NOISES]
 
     def _prior(self, parameters: np.ndarray) -> np.ndarray:
-        """Prior variances λ_α, shape (term,)."""
+        """Return the prior variances λ_α, shape (term,)."""
         return np.asarray(np.exp(-2.0 * self.indices @ np.exp(parameters[:-1])))
 
     def _factor(self, parameters: np.ndarray) -> np.ndarray:
-        """Lower Cholesky factor of C; the noise stays above the rounding error of the sum."""
+        """Return the lower Cholesky factor of C; the noise stays above the rounding error of the sum."""
         scaled = self.columns * np.sqrt(self._prior(parameters))
         matrix = scaled @ scaled.T
         noise = max(float(np.exp(parameters[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
@@ -149,7 +149,7 @@ class _Evidence:
         return value, np.append(slope, np.exp(parameters[-1]) * np.trace(by_matrix))
 
     def solution(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients (term, output) and leave-one-out residuals (run, output)."""
+        """Return coefficients (term, output) and leave-one-out residuals (run, output)."""
         factor = self._factor(parameters)
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         coefficients = self._prior(parameters)[:, None] * (self.columns.T @ weights)

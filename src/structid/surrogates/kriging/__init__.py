@@ -1,1 +1,1 @@
-"""Kriging: correlation functions, hyper-parameters, the fitted predictor."""
+"""Kriging: correlation functions, hyper-parameters and the fitted predictor."""

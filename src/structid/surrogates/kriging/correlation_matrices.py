@@ -1,4 +1,4 @@
-"""Correlation matrices on the host and sums of their derivatives: NumPy for small designs, compiled code for large ones."""
+"""Correlation matrices on the host, and sums of their derivatives: NumPy for small designs, compiled code for large designs."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from structid.engine.lanes.signals import Signals
 from structid.surrogates.kriging.correlations import correlation_at, correlation_of, relative_slope
 
 LARGEST_CALL = 4_000_000
-"""Correlations in one call of compiled code."""
+"""Number of correlations in one call of compiled code."""
 
 CACHED = 15_000
-"""Correlations that NumPy computes at once: their arrays stay in a core's cache."""
+"""Number of correlations that NumPy computes at once, so that their arrays stay in the cache of a core."""
 
 SMALL_DESIGN = 300
-"""Points up to which NumPy, which computes each pair once, is quicker than compiled code, which computes it twice."""
+"""Number of points up to which NumPy, with one computation per pair, is faster than compiled code with two per pair."""
 
 DESIGN_STEP = 32
-"""Compiled code takes designs of multiples of this, so that few sizes are compiled."""
+"""Number of points to whose multiples designs are padded for compiled code, so that few sizes are compiled."""
 
 
 class CorrelationMatrices:
-    """Correlations of one design's points."""
+    """Correlations between the points of one design."""
 
     def __init__(self, family: str, separable: bool, points: Float[np.ndarray, "point coordinate"]) -> None:
         self._form, self._points = (family, separable), np.ascontiguousarray(points)
         self._columns, self._gradients = _compiled(family, separable)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A process that is sent a Kriging compiles for itself, or finds what this one compiled on disk.
+        # A process that receives a Kriging compiles the code, or loads the code that this process stored on disk.
         return CorrelationMatrices, (*self._form, self._points)
 
     def with_points(
@@ -55,7 +55,7 @@ class CorrelationMatrices:
     def of_several(self, log_lengths: Float[np.ndarray, "set coordinate"]) -> Iterator[np.ndarray]:
         """Compute the correlations of the design's points with each other for several sets of lengths."""
         small, size = len(self._points) <= SMALL_DESIGN, len(self._points)
-        # One call for several sets: calls of compiled code in a row wait for one another's threads.
+        # One call handles several sets, because consecutive calls of compiled code wait for each other's threads.
         count = max(1, 2 * CACHED // size**2 if small else LARGEST_CALL // size**2)
         for some in (log_lengths[first : first + count] for first in range(0, len(log_lengths), count)):
             if small:
@@ -65,23 +65,23 @@ class CorrelationMatrices:
                 yield from self._by_compiled_code(rows).reshape(size, len(some), size).transpose(1, 0, 2)
 
     def _by_compiled_code(self, rows: np.ndarray) -> np.ndarray:
-        """Correlations of the design (point, row) with points that have lengths of their own."""
+        """Return the correlations (point, row) of the design with points that have separate lengths."""
         missing = -len(self._points) % DESIGN_STEP
         padded = np.concatenate([self._points, np.repeat(self._points[-1:], missing, axis=0)])
         return np.asarray(self._columns(rows, padded)[: len(self._points)])
 
     def _of_pairs(self, log_lengths: np.ndarray) -> np.ndarray:
-        """Correlations of every two different points (set, pair), in the order of the matrix above its diagonal."""
+        """Return the correlations of all pairs of points (set, pair), in the order of the upper triangle of the matrix."""
         family, separable = self._form
         rates = np.exp(-log_lengths)
         if family == "gaussian" or not separable:
-            # No product of matrices: its last digits depend on how many sets there are.
+            # A matrix product is avoided, since its last digits would depend on the number of sets.
             scaled = (rate[:, None] * square for rate, square in zip((rates**2).T, self._squares, strict=True))
             return np.asarray(correlation_at(family, sum(scaled)))
         return np.asarray(correlation_of(family, True, list(rates.T[:, :, None] * self._distances[:, None, :])))
 
     def _filled(self, pairs: np.ndarray) -> np.ndarray:
-        """The whole matrix, from its part above the diagonal."""
+        """Return the whole matrix from its part above the diagonal."""
         size = len(self._points)
         whole = np.empty(size * size)
         above, below = self._places
@@ -98,7 +98,7 @@ class CorrelationMatrices:
 
     @functools.cached_property
     def _distances(self) -> np.ndarray:
-        """Distances of every two points in each coordinate (coordinate, pair)."""
+        """Pairwise distances in each coordinate, shape (coordinate, pair)."""
         row, column = np.triu_indices(len(self._points), 1)
         return np.asarray(np.abs(self._points[row] - self._points[column]).T.copy())
 
@@ -109,14 +109,14 @@ class CorrelationMatrices:
     def gradient(
         self, log_lengths: Float[np.ndarray, " coordinate"], weights: Float[np.ndarray, "point point"]
     ) -> Float[np.ndarray, " coordinate"]:
-        """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths."""
+        """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ with respect to the logarithms of the correlation lengths."""
         if len(self._points) <= SMALL_DESIGN:
             return self._gradient_by_pairs(log_lengths, weights)
         slopes = self._gradients(_rows(self._points, log_lengths), self._points, signals=Signals(weights[:, :, None]))
         return np.asarray(slopes.sum(axis=0))
 
     def _gradient_by_pairs(self, log_lengths: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The gradient by NumPy: ∂R/∂log ℓⱼ = g sⱼ² R; see `relative_slope`."""
+        """Return the gradient, computed by NumPy: ∂R/∂log ℓⱼ = g sⱼ² R; see `relative_slope`."""
         family, separable = self._form
         both, (above, below) = weights.reshape(-1), self._places
         weighted = (both[above] + both[below]) * self._of_pairs(log_lengths[None])[0]
@@ -133,16 +133,16 @@ def _rows(points: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _compiled(family: str, separable: bool) -> tuple[InLanes, InLanes]:
-    """Functions of many points, each with the log lengths in its row: correlations with a design, and derivatives of their sum."""
+    """Return functions of rows with points and log lengths: correlations with a design, and derivatives of their sum."""
 
     def with_one(log_lengths: Any, own_lengths: Any, point: Any) -> Any:
-        """Correlations of many points, each with its own lengths, with one point."""
+        """Return the correlations of one point with many points that have separate lengths."""
         rates = jnp.exp(-log_lengths)
         return correlation_of(
             family, separable, [(own_lengths[:, j] - point[j]) * rates[:, j] for j in range(own_lengths.shape[1])]
         )
 
-    # Compiled by itself, so that it is not traced again for every design.
+    # This part is compiled separately, so that it is not traced again for every design.
     slopes = jax.jit(jax.grad(lambda *arguments: with_one(*arguments).sum()))
 
     def columns(rows: Any, points: Any) -> Any:
@@ -162,6 +162,6 @@ def _compiled(family: str, separable: bool) -> tuple[InLanes, InLanes]:
 
 
 def _halves(rows: Any) -> tuple[Any, Any]:
-    """Points and log lengths of some rows."""
+    """Split rows into points and log lengths."""
     size = rows.shape[1] // 2
     return rows[:, :size], rows[:, size:]

@@ -1,4 +1,4 @@
-"""Correlation functions of Kriging, ellipsoidal or separable: on NumPy's arrays and inside JAX."""
+"""Correlation functions of Kriging, ellipsoidal or separable, for NumPy arrays and inside JAX."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def correlation(
     """
     scaled = [
         (a[:, j, None] - b[None, :, j]) * jnp.exp(-log_lengths[j]) for j in range(a.shape[1])
-    ]  # one coordinate at a time: XLA fuses them, and no array of size (n, m, coordinate) is allocated
+    ]  # one coordinate at a time, so that XLA fuses them without an array of size (n, m, coordinate)
     return correlation_of(family, separable, scaled)
 
 
@@ -34,7 +34,7 @@ def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
     """Compute correlations from scaled differences of points; see `correlation`."""
     if family == "gaussian" or not separable:
         return correlation_at(family, sum(s * s for s in scaled))
-    # The polynomials multiply and the exponents add: one exponential for all coordinates.
+    # Polynomials are multiplied and exponents added, so one exponential suffices for all coordinates.
     xp = namespace(scaled[0])
     distance = [xp.abs(s) for s in scaled]
     product = 1.0
@@ -48,7 +48,7 @@ def correlation_at(family: str, square: Any) -> Any:
     xp = namespace(square)
     if family == "gaussian":
         return xp.exp(-0.5 * square)
-    # The derivative of the square root at 0 is infinite; that of the correlation is not.
+    # The derivative of the square root at 0 is infinite, but the derivative of the correlation is finite.
     h = np.sqrt(square) if xp is np else xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
     return _polynomial(family, h) * xp.exp(-_RATE[family] * h)
 
@@ -75,6 +75,6 @@ _RATE = {"exponential": 1.0, "matern32": 3.0**0.5, "matern52": 5.0**0.5}
 
 
 def _polynomial(family: str, h: Any) -> Any:
-    """The factor of R in front of the exponential."""
+    """Return the polynomial factor of R before the exponential."""
     s = _RATE[family] * h
     return {"exponential": 1.0, "matern32": 1.0 + s, "matern52": 1.0 + s + s * s / 3.0}[family]

@@ -1,4 +1,4 @@
-"""Hyper-parameters of Kriging, its correlation lengths and its nugget: the objective they minimise, and the search for them."""
+"""Hyper-parameters of Kriging (correlation lengths and nugget): their objective, and the search for its minimum."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ LOG_NUGGETS = (-25.0, 0.0)
 """Range of the logarithm of an estimated nugget, relative to the process variance."""
 
 GLOBAL_POINTS, SCREENING_POINTS = 100, 250
-"""Number of points of the design that the global search uses, and the local search after it."""
+"""Number of design points for the global search, and for the first stage of the local search."""
 
 
 class HyperparameterObjective:
-    """The objective that the hyper-parameters minimise, with its exact gradient; all outputs share one variance.
+    """The objective of the hyper-parameters with its exact gradient; all outputs share one variance.
 
-    Maximum likelihood, profiled over β and σ²: N/2 log σ̂² + ½ log|C|, whose derivative by C is ½ (C⁻¹ − w wᵀ/σ̂²).
-    Cross-validation: N/2 log Σ eᵢ², whose derivative by Q is M with M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
+    Maximum likelihood, profiled over β and σ²: N/2 log σ̂² + ½ log|C|; its derivative by C is ½ (C⁻¹ − w wᵀ/σ̂²).
+    Cross-validation: N/2 log Σ eᵢ²; its derivative by Q is M with M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
 
-    Its argument is the vector of the logarithms of the correlation lengths, followed by that of the nugget if it is estimated.
+    The argument is the vector of log correlation lengths, followed by the log nugget if it is estimated.
     """
 
     def __init__(self, data: KrigingData, family: str, separable: bool, nugget: float | str, estimation: str) -> None:
@@ -69,11 +69,11 @@ class HyperparameterObjective:
         return np.array([self._of(p, matrix, False)[0] for p, matrix in zip(parameters.T, matrices, strict=True)])
 
     def __call__(self, parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        """Evaluate the objective and its gradient by the log lengths and the log nugget."""
+        """Evaluate the objective and its gradient with respect to log lengths and log nugget."""
         return self._of(parameters, self.matrix(parameters), True)
 
     def _of(self, parameters: np.ndarray, matrix: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """The objective, and its gradient on request, from the correlations of the points."""
+        """Return the objective, and on request its gradient, from the correlations of the points."""
         try:
             cholesky, nugget = raised_correlation_cholesky(matrix, self.diagonal(parameters))
             by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
@@ -88,7 +88,7 @@ class HyperparameterObjective:
         return value, slope
 
     def _likelihood(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """Negative log likelihood and its derivative by C."""
+        """Return the negative log likelihood and its derivative by C."""
         runs, outputs = self.data.outputs.shape
         _, _, coefficients, weights = generalised_least_squares(self.data, cholesky)
         error = self.data.outputs - self.data.trend @ coefficients
@@ -99,7 +99,7 @@ class HyperparameterObjective:
         return float(value), 0.5 * (inverse_of(cholesky) - weights @ weights.T / (variance * outputs))
 
     def _cross_validation(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """Log of the sum of squared leave-one-out residuals, times N/2, and its derivative by C."""
+        """Return N/2 times the log of the sum of squared leave-one-out residuals, and its derivative by C."""
         solved_trend, trend_covariance, _, weights = generalised_least_squares(self.data, cholesky)
         q = inverse_of(cholesky) - solved_trend @ trend_covariance @ solved_trend.T
         precision = np.diag(q)
@@ -114,7 +114,7 @@ class HyperparameterObjective:
 
 
 def stage_sizes(runs: int) -> list[int]:
-    """Return the number of runs that each stage of the search uses: all of them in the last, half as many in the one before, …."""
+    """Return the number of runs in each stage of the search: all runs in the last stage, half as many in the stage before, …."""
     sizes = [runs]
     while sizes[-1] > 2 * SCREENING_POINTS:
         sizes.append(sizes[-1] // 2)
@@ -124,10 +124,10 @@ def stage_sizes(runs: int) -> list[int]:
 def search_hyperparameters(
     objective: HyperparameterObjective, starts: int, rng: np.random.Generator, step_done: Steps
 ) -> Float[np.ndarray, " hyperparameter"]:
-    """Search the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
+    """Find the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
 
-    The local search takes quasi-Newton steps on part of the design, then on twice as many runs, and in the end on all of them. The
-    curvature found on one part, scaled by the number of runs, starts the next, so that few evaluations need the whole design.
+    The local search makes quasi-Newton steps on part of the design, then on twice as many runs, and finally on all runs. The
+    curvature of one part, scaled by the number of runs, starts the next part, so that few evaluations need the whole design.
     """
     data = objective.data
     order = rng.permutation(len(data.points))
@@ -164,7 +164,7 @@ def search_hyperparameters(
 def refined_hyperparameters(
     objective: HyperparameterObjective, start: Float[np.ndarray, " hyperparameter"], step_done: Steps
 ) -> Float[np.ndarray, " hyperparameter"]:
-    """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum."""
+    """Find the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum."""
     parameters = np.clip(start, *np.array(objective.bounds).T)
     parameters, _, _ = quasi_newton(objective, objective.bounds, parameters, _inverse_curvature(objective, parameters))
     step_done()
@@ -172,7 +172,7 @@ def refined_hyperparameters(
 
 
 def _inverse_curvature(objective: HyperparameterObjective, parameters: np.ndarray) -> np.ndarray:
-    """Inverse of the matrix of second derivatives, from differences of gradients; flat directions get a finite value."""
+    """Return the inverse matrix of second derivatives, from differences of gradients; flat directions get a finite value."""
     step = 1e-3
     slopes = [
         (objective(parameters + step * e)[1] - objective(parameters - step * e)[1]) / (2 * step)
@@ -183,6 +183,6 @@ def _inverse_curvature(objective: HyperparameterObjective, parameters: np.ndarra
 
 
 def _first_generation(bounds: list[tuple[float, float]], count: int, rng: np.random.Generator) -> np.ndarray:
-    """First generation of the global search: a Latin hypercube sample within the bounds."""
+    """Return the first generation of the global search, a Latin hypercube sample within the bounds."""
     low, high = np.array(bounds).T
     return np.asarray(low + (high - low) * scipy.stats.qmc.LatinHypercube(len(bounds), rng=rng).random(count))

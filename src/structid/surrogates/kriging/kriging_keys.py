@@ -1,4 +1,4 @@
-"""Study-file keys of a Kriging, alone or inside another surrogate."""
+"""Study-file keys of Kriging, alone or inside another surrogate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KRIGING_KEYS = {
 
 
 def kriging_settings(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Separate the keys of a Kriging from others."""
+    """Separate the keys of Kriging from other keys."""
     kriging_keys = {key: value for key, value in given.items() if key in KRIGING_KEYS}
     if kriging_keys.get("trend") == "pce":
         kriging_keys["trend"] = PCE()

@@ -1,4 +1,4 @@
-"""The Kriging system: the factorised correlation matrix of the runs and what follows from it for a set of outputs."""
+"""The Kriging system: the factorised correlation matrix of the runs, and its solutions for a set of outputs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from jaxtyping import Float
 from structid.surrogates.covariance_factors import inverse_of, raised_cholesky
 
 LARGEST_RAISED_NUGGET = 1e-5
-"""A nugget is raised up to this where rounding makes the matrix indefinite; beyond it the points are too close to interpolate."""
+"""Largest nugget to which rounding errors may raise it; with a larger nugget the points are too close to interpolate."""
 
 SMALLEST_NUGGET = 1e-13
-"""Added to the diagonal if no nugget is requested, so that rounding does not make the matrix indefinite."""
+"""Nugget used if none is requested, so that rounding does not make the matrix indefinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +22,11 @@ class KrigingData:
     """Data of a Kriging fit."""
 
     points: Float[np.ndarray, "run parameter"]  # standardised points
-    trend: Float[np.ndarray, "run term"]  # F, the terms of the trend at these points
+    trend: Float[np.ndarray, "run term"]  # F, trend terms at these points
     outputs: Float[np.ndarray, "run output"]  # y
 
     def some(self, rows: np.ndarray) -> KrigingData:
-        """Select some of the runs."""
+        """Select runs by their rows."""
         return KrigingData(self.points[rows], self.trend[rows], self.outputs[rows])
 
 
@@ -40,7 +40,7 @@ class KrigingFactors:
     """
 
     cholesky: Float[np.ndarray, "run run"]  # Lower Cholesky factor of C
-    nugget: float  # The nugget in C, after it was raised where rounding demanded it
+    nugget: float  # Nugget in C, including an increase because of rounding
     solved_trend: Float[np.ndarray, "run term"]  # A
     trend_covariance: Float[np.ndarray, "term term"]  # T
     coefficients: Float[np.ndarray, "term output"]  # β
@@ -71,12 +71,12 @@ class KrigingFactors:
 
     @property
     def cross_validated_variance(self) -> np.ndarray:
-        """σ² for which the standardised leave-one-out residuals have unit variance, shape (output,)."""
+        """Variance σ² for which the standardised leave-one-out residuals have unit variance, shape (output,)."""
         return np.asarray(np.mean(self.leave_one_out_residuals**2 * self.precision[:, None], axis=0))
 
 
 def raised_correlation_cholesky(matrix: Float[np.ndarray, "run run"], nugget: float) -> tuple[np.ndarray, float]:
-    """Factorise C = R + nugget · I; the nugget is raised where rounding demands it, up to a limit."""
+    """Factorise C = R + nugget · I; if rounding makes it necessary, the nugget is raised up to a limit."""
     nugget = max(nugget, SMALLEST_NUGGET)
     return raised_cholesky(matrix, nugget, max(LARGEST_RAISED_NUGGET, 2.0 * nugget))
 
@@ -85,7 +85,7 @@ def generalised_least_squares(
     data: KrigingData, cholesky: Float[np.ndarray, "run run"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Solve generalised least squares for the trend: A = C⁻¹F, T = (FᵀA)⁻¹, β = T Aᵀy, w = C⁻¹(y − Fβ)."""
-    # LAPACK itself: a search calls this thousands of times, and SciPy's checks take longer than the solution of small systems.
+    # LAPACK is called directly: a search needs thousands of calls, and SciPy's checks take longer than small solutions.
     solved_trend, _ = scipy.linalg.lapack.dpotrs(cholesky, data.trend, lower=1)
     trend_covariance = np.linalg.inv(data.trend.T @ solved_trend)
     coefficients = trend_covariance @ (solved_trend.T @ data.outputs)

@@ -1,4 +1,4 @@
-"""A fitted Kriging: mean, standard deviation and leave-one-out errors of one output or many.
+"""A fitted Kriging: mean, standard deviation and leave-one-out errors of one or many outputs.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -29,7 +29,7 @@ from structid.surrogates.kriging.kriging_system import SMALLEST_NUGGET, KrigingF
 from structid.surrogates.named_arrays import found_under, put_under
 
 PREDICTION_BATCH = 4096
-"""Points predicted at once; the correlations of each with every run are in memory."""
+"""Number of points predicted at once; their correlations with every run are in memory."""
 
 _GROUP_ARRAYS = ("outputs", "centre", "scale", "points", "log_lengths")
 
@@ -38,14 +38,14 @@ _FACTOR_ARRAYS = tuple(f.name for f in dataclasses.fields(KrigingFactors) if f.n
 
 @dataclass(frozen=True, eq=False)
 class KrigingGroup:
-    """A fitted Kriging of outputs that share one correlation."""
+    """A fitted Kriging of outputs that share one correlation function."""
 
-    family: str  # The correlation function
+    family: str  # Name of the correlation function
     separable: bool  # Whether the correlation is a product over the parameters
     outputs: Int[np.ndarray, " output"]  # Positions of these outputs among all outputs
-    # Mean and standard deviation of the design, by which points are standardised
+    # Mean of the design, subtracted to standardise points
     centre: Float[np.ndarray, " parameter"]
-    # Mean and standard deviation of the design, by which points are standardised
+    # Standard deviation of the design, by which points are divided to standardise them
     scale: Float[np.ndarray, " parameter"]
     points: Float[np.ndarray, "run parameter"]  # The standardised design
     trend: PolynomialBasis  # The terms of the trend
@@ -81,14 +81,14 @@ class KrigingGroup:
         return trend + product_of(correlations, jnp.asarray(self.points), jnp.asarray(self.factors.weights))
 
     def _mean(self, f: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """The mean on the host, from the terms of the trend and the correlations with every run."""
+        """Return the mean on the host, from the trend terms and the correlations with every run."""
         return np.asarray(f @ self.factors.coefficients + r @ self.factors.weights)
 
     def mean_and_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
-        The difference is accurate to `SMALLEST_NUGGET` only, which is therefore the smallest value claimed. Where runs are noisy
-        and no nugget is given, σ² is so large that this equals the variance of the noise.
+        The difference is accurate only to `SMALLEST_NUGGET`, which is therefore the smallest predicted value. If runs are noisy
+        and no nugget is given, σ² is so large that this value equals the variance of the noise.
         """
         numpy, f, r = namespace(theta), self.trend.evaluate(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg
@@ -99,7 +99,7 @@ class KrigingGroup:
         return (self._mean(f, r) if numpy is np else self.mean(theta)), deviation
 
     def _correlations(self, theta: Any) -> Any:
-        """Correlations with every run, shape (run, training run)."""
+        """Return the correlations with every training run, shape (run, training run)."""
         points = (theta - self.centre) / self.scale
         if namespace(theta) is np:
             return self._on_the_host.with_points(points, self.log_lengths).T
@@ -112,15 +112,15 @@ class KrigingGroup:
 
 @dataclass(frozen=True, eq=False)
 class KrigingPredictor:
-    """A fitted Kriging of one output or many."""
+    """A fitted Kriging of one or many outputs."""
 
     word: ClassVar[str] = "KrigingPredictor"
     space: ParameterSpace  # The parameters
-    groups: tuple[KrigingGroup, ...]  # Groups of outputs that share a correlation; together they hold all outputs
+    groups: tuple[KrigingGroup, ...]  # Groups of outputs with a common correlation; together they contain all outputs
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Positions of the outputs, in their own order, among the concatenated outputs of all groups."""
+        """Position of each output among the concatenated outputs of all groups."""
         return np.argsort(np.concatenate([g.outputs for g in self.groups]))
 
     @property
@@ -133,7 +133,7 @@ class KrigingPredictor:
         """Mean squared leave-one-out residual relative to the variance of the output, shape (output,) (thesis eq. 2.47)."""
         parts = []
         for group in self.groups:
-            # The trend and the weights reproduce the outputs: y = Fβ + C w.
+            # Trend and weights reproduce the outputs: y = Fβ + C w.
             trend = group.trend.evaluate(group.points * group.scale + group.centre) @ group.factors.coefficients
             lower = group.factors.cholesky
             outputs = trend + lower @ (lower.T @ group.factors.weights)
@@ -161,7 +161,7 @@ class KrigingPredictor:
         return mean, deviation
 
     def _join(self, parts: list[Any]) -> Any:
-        """Outputs of all groups in their own order."""
+        """Join the outputs of all groups, in the original order of the outputs."""
         return parts[0] if len(parts) == 1 else namespace(parts[0]).concatenate(parts, axis=1)[:, self._order]
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -179,7 +179,7 @@ class KrigingPredictor:
     def from_plain(
         cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
     ) -> KrigingPredictor:
-        """Rebuild a predictor from what `to_plain` returned."""
+        """Rebuild a predictor from the result of `to_plain`."""
         groups = []
         for number, description in plain.items():
             arrays_of_group = found_under(number, arrays)

@@ -1,4 +1,4 @@
-"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or separate.
+"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with shared or separate correlations of outputs.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -31,10 +31,10 @@ from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
 from structid.surrogates.regression import check_training
 
 SMALL = 500
-"""Design size up to which one BLAS thread solves the many small systems: several threads would mostly wait for each other."""
+"""Design size up to which one BLAS thread solves the many small systems; several threads would mostly wait for each other."""
 
 LOST = 0.1
-"""Leave-one-out residual sum of squares, as a fraction, above which a search from previous lengths is considered failed."""
+"""Relative leave-one-out residual sum of squares above which a search from previous lengths counts as failed."""
 
 
 @check_arguments
@@ -45,21 +45,21 @@ class Kriging:
     Parameters
     ----------
     trend : {"constant", "linear", "quadratic"} or PCE
-        The deterministic part; a `PCE` gives PC-Kriging (Schöbi, Sudret & Wiart 2015).
+        Deterministic part; a `PCE` gives PC-Kriging (Schöbi, Sudret & Wiart 2015).
     correlation : {"matern52", "matern32", "exponential", "gaussian"}
-        The correlation function.
+        Correlation function.
     separable : bool, optional
-        Whether the correlation is a product of one-dimensional correlations; otherwise it is a function of an ellipsoidal distance.
-        If left out, both are fitted and the smaller leave-one-out error decides.
+        Whether the correlation is a product of one-dimensional correlations; otherwise it is a function of an ellipsoidal
+        distance. By default both are fitted, and the fit with the smaller leave-one-out error is used.
     nugget : float or "estimate"
-        Variance of the noise relative to that of the process; 0 interpolates.
+        Variance of the noise relative to the variance of the process; 0 interpolates.
     estimation : {"ml", "cv"}
-        Whether the hyper-parameters are estimated by maximum likelihood or by leave-one-out cross-validation (thesis eq. 2.46).
+        Estimation of the hyper-parameters: maximum likelihood, or leave-one-out cross-validation (thesis eq. 2.46).
     shared : bool
-        Whether all outputs share one set of correlation lengths, where outputs of a larger scale count more; otherwise each output
-        has a set of its own.
+        Whether all outputs share one set of correlation lengths, in which outputs of a larger scale have more weight; otherwise
+        each output has a separate set.
     starts : int
-        Number of gradient searches, from the best points of the global search.
+        Number of gradient searches, started from the best points of the global search.
     seed : int
         Seed of the global search.
 
@@ -88,7 +88,7 @@ class Kriging:
         check_choice("Kriging.correlation", self.correlation, FAMILIES)
         check_choice("Kriging.estimation", self.estimation, ("ml", "cv"))
         if self.nugget != "estimate" and not (isinstance(self.nugget, (int, float)) and 0 <= self.nugget < np.inf):
-            raise InputError("Kriging.nugget", f"{self.nugget!r}", 'a number, 0 or more, or "estimate"')
+            raise InputError("Kriging.nugget", f"{self.nugget!r}", 'a number of 0 or more, or "estimate"')
 
     def fit(
         self,
@@ -97,30 +97,30 @@ class Kriging:
         progress: Progress | None = None,
         start: KrigingPredictor | None = None,
     ) -> KrigingPredictor:
-        """Fit a Kriging of one output or many.
+        """Fit a Kriging of one or many outputs.
 
         Parameters
         ----------
         design : Design
             Points, with their parameter space.
         values : array-like, shape (run,) or (run, output)
-            The values of the function there.
+            Values of the function at these points.
         progress : callable, optional
-            Called with the number of finished steps of the search for correlation lengths and the total.
+            Callback whose arguments are the finished and the total number of steps of the search for correlation lengths.
         start : KrigingPredictor, optional
-            A Kriging fitted to fewer points. The search starts from its correlation lengths, and there is no global search unless
-            that ends where little is learnt. It is used only if all outputs share their lengths.
+            A Kriging fitted to fewer points. The search starts from its correlation lengths, and a global search follows only if
+            the result predicts poorly. `start` is used only if all outputs share their lengths.
 
         Returns
         -------
         KrigingPredictor
-            Predicts means and standard deviations at any point.
+            Predictor of means and standard deviations at any point.
 
         Raises
         ------
         InputError
-            If a value is not finite, an output is constant, a point occurs twice and there is no nugget, or there are too few
-            runs for the trend.
+            If a value is not finite, an output is constant, a point occurs twice without a nugget, or there are too few runs
+            for the trend.
         """
         theta, outputs = check_training("Kriging.fit", design, values)
         if self.nugget == 0.0:
@@ -134,7 +134,7 @@ class Kriging:
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
-        """Values of `separable` to try: the one given, or both where they differ."""
+        """Return the values of `separable` to try: the given value, or both values if they differ."""
         forms = (False, True) if self.separable is None else (self.separable,)
         return forms[:1] if self.correlation == "gaussian" or theta.shape[1] == 1 else forms
 
@@ -147,11 +147,11 @@ class Kriging:
         previous: KrigingGroup | None,
         step_done: Steps,
     ) -> KrigingGroup:
-        """Fit outputs that share a correlation; of its two forms the one with the smaller leave-one-out error is kept."""
+        """Fit outputs that share a correlation; the form with the smaller leave-one-out error is kept."""
         trend = self._trend_basis(design, outputs)
         if len(trend) >= len(theta):
             raise InputError(
-                "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
+                "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"at least {len(trend) + 1} runs"
             )
 
         def best(previous: KrigingGroup | None, step_done: Steps) -> KrigingGroup:
@@ -163,17 +163,17 @@ class Kriging:
         group_fit = best(previous, step_done)
         if previous is None or _left_over(group_fit) <= LOST * float(np.sum((outputs - outputs.mean(axis=0)) ** 2)):
             return group_fit
-        # Lengths of a few runs may be a trap: so short that nothing is learnt, and no small step leads away from there.
+        # Lengths from a few runs may be so short that predictions fail, and small steps do not improve them.
         return min(group_fit, best(None, Steps(None, 1)), key=_left_over)
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
-        """Terms of the trend."""
+        """Return the terms of the trend."""
         space = design.space
         if isinstance(self.trend, str):
             degree = {"constant": 0, "linear": 1, "quadratic": 2}[self.trend]
             return PolynomialBasis(space, multi_indices(space.dimension, degree))
         expansion = self.trend.fit(design, outputs)
-        # Many outputs may share a trend: keep the terms with most energy, and few enough to leave room for the process.
+        # For many outputs with a common trend, keep the terms with most energy, but few enough for the process to be fitted.
         energy = np.sum(expansion.coefficients**2, axis=1)
         most = max(1, min(len(energy), len(outputs) // 5))
         return expansion.basis[np.sort(np.argsort(-energy)[:most])]
@@ -203,9 +203,9 @@ class Kriging:
         except np.linalg.LinAlgError:
             raise InputError(
                 "Kriging.fit",
-                "points so close that they cannot be distinguished",
+                "some points are too close to be distinguished",
                 "points further apart, or a nugget",
-                'Estimate one: nugget="estimate".',
+                'Use an estimated nugget: nugget="estimate".',
             ) from None
         return KrigingGroup(
             self.correlation, separable, group, centre, scale, data.points, trend, best[: theta.shape[1]], factors
@@ -213,7 +213,7 @@ class Kriging:
 
 
 def _left_over(group: KrigingGroup) -> float:
-    """Leave-one-out residual sum of squares."""
+    """Return the leave-one-out residual sum of squares."""
     return float(np.sum(group.leave_one_out_residuals**2))
 
 
@@ -225,7 +225,7 @@ def _check_distinct(theta: np.ndarray) -> None:
         twin = np.flatnonzero((theta == theta[row]).all(axis=1))
         raise InputError(
             "Kriging.fit",
-            f"{int((count - 1).sum())} points that are there twice, such as rows {twin[0]} and {twin[1]}",
+            f"{int((count - 1).sum())} points are repeated, such as rows {twin[0]} and {twin[1]}",
             "distinct points",
-            'Leave the copies out, or give a nugget (nugget="estimate").',
+            'Remove the copies, or use a nugget (nugget="estimate").',
         )

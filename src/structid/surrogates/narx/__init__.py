@@ -1,1 +1,1 @@
-"""NARX: recursions in time whose coefficients are functions of the parameters."""
+"""NARX models: recursions in time whose coefficients are functions of the parameters."""

@@ -20,17 +20,17 @@ from structid.surrogates.regression_list import regression_from_plain
 
 @dataclass(frozen=True, eq=False)
 class Coefficients:
-    """Coefficients of the recursion as functions of the parameters: a trend, and Kriging of some deviations from it."""
+    """Coefficients of the recursion as functions of the parameters: a trend, and Kriging of deviations from the trend."""
 
     trend: ChaosExpansion  # trend of all coefficients
     deviation: Regression | None = None  # Kriging of the scaled deviations
     varying: np.ndarray | None = None  # indices of the coefficients that deviate
-    scale: np.ndarray | None = None  # scale of their deviations
-    # Whose coordinates trend and deviation take; they take the parameters themselves when left out
+    scale: np.ndarray | None = None  # scales of these deviations
+    # Space whose coordinates are the inputs of trend and deviation; by default the inputs are the parameters
     space: ParameterSpace | None = None
 
     def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run coefficient"]:
-        """Coefficients at parameter points."""
+        """Return the coefficients at parameter points."""
         point = theta if self.space is None else self.space.in_coordinates(theta)
         coefficients = self.trend.predict(point)
         if self.deviation is None or self.varying is None or self.scale is None:
@@ -39,7 +39,7 @@ class Coefficients:
         return coefficients + product(self.deviation.predict(point), places)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Contents for a file."""
+        """Return the contents for a file."""
         plain, arrays = self.trend.to_plain()
         contents: dict[str, Any] = {"trend": plain}
         if self.space is not None:

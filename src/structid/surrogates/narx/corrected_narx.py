@@ -25,7 +25,7 @@ from structid.surrogates.pod.pod_kriging import PODKriging
 from structid.surrogates.surrogate_kind import SurrogateKind
 
 STAGES = {"narx": 10.0, "kriging": 2.0}
-"""Stages of a fit, and their fraction of its time."""
+"""Stages of a fit, and their relative durations."""
 
 
 class TrainedNARX(SurrogateSettings, Protocol):
@@ -42,18 +42,18 @@ class TrainedNARX(SurrogateSettings, Protocol):
     def fit(
         self, runs: Runs, progress: Progress | None = None, weights: Float[np.ndarray, " run"] | None = None
     ) -> ParametricNARX:
-        """Fit to runs; see `SurrogateSettings.fit`."""
+        """Fit a surrogate to runs; see `SurrogateSettings.fit`."""
 
 
 @renamed_argument(rest="kriging")
 @check_arguments
 @dataclass(frozen=True)
 class CorrectedNARX:
-    """Settings: a NARX for any record, and a POD-Kriging of the response to the records of its runs.
+    """Settings of a NARX for any record and a POD-Kriging for the records of its runs.
 
-    A NARX of few terms takes any record, and reproduces none of its runs exactly. On the records of the runs a `PODKriging`
-    responds instead, which passes through all of them. A calibration with a NARX uses this: the Kriging is what is certified, and
-    the NARX predicts other records without further runs of the model.
+    A NARX with few terms accepts any record, but reproduces no training run exactly. On the records of the runs the response
+    therefore comes from a `PODKriging`, which interpolates all runs. A calibration with a NARX uses this combination: the Kriging
+    is certified, and the NARX predicts other records without additional model runs.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class CorrectedNARX:
 
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = True
-    shares: ClassVar[bool] = True  # forms have the NARX in common, which `fit` takes over from one of the same runs
+    shares: ClassVar[bool] = True  # the forms share the NARX, which `fit` reuses for the same runs
 
     def __post_init__(self) -> None:
         if not (isinstance(self.narx, NARXSettings) and hasattr(type(self.narx), "forms")):
@@ -82,12 +82,12 @@ class CorrectedNARX:
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error accepted in a posterior: that of the NARX."""
+        """Largest mean relative error accepted in a posterior, equal to the limit of the NARX."""
         return self.narx.limit
 
     @property
     def outside(self) -> OutsideRule:
-        """Treatment of points outside the range of the design: as for the NARX."""
+        """Treatment of points outside the range of the design, equal to the setting of the NARX."""
         return self.narx.outside
 
     @property
@@ -101,21 +101,21 @@ class CorrectedNARX:
         return {"narx": {"kind": type(self.narx).__name__, **self.narx.in_words}, "kriging": self.kriging.in_words}
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made.
+        """Check the settings against planned runs.
 
         Parameters
         ----------
         design : Design
-            Their points.
+            Points of the planned runs.
         records : sequence of Excitation
-            What will drive them, dealt out in turn.
+            Records of the planned runs, assigned in turn.
         channels : sequence of str
-            What they will return.
+            Channels of the planned runs.
 
         Raises
         ------
         InputError
-            If no NARX can be fitted to them, or no POD-Kriging.
+            If a NARX or a POD-Kriging cannot be fitted to the planned runs.
         """
         self.narx.check(design, records, channels)
         self.kriging.check(design, records, channels)
@@ -127,24 +127,24 @@ class CorrectedNARX:
         start: NARXBesideKriging | None = None,
         weights: np.ndarray | None = None,
     ) -> NARXBesideKriging:
-        """Fit to runs on one record or several.
+        """Fit a surrogate to runs on one or several records.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for; failed ones are left out.
+            Runs of the replaced model; failed runs are left out.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
         start : NARXBesideKriging, optional
-            A surrogate fitted to some of these runs. The search for correlation lengths starts from its own. If it was fitted to
-            all of them, its NARX is this one's as well.
+            A surrogate fitted to some of these runs. The search for correlation lengths starts from its lengths. If it was fitted
+            to all of these runs, its NARX is reused.
         weights : ndarray, shape (run,), optional
-            How much the error of each run counts for the NARX; the same for all when left out.
+            Weights of the errors of the runs in the fit of the NARX; equal by default.
 
         Returns
         -------
         NARXBesideKriging
-            A model for any record, which is at its best on those of the runs.
+            A model for any record, most accurate on the records of the runs.
         """
         watch, stages = Stopwatch(), Stages(progress, STAGES)
         done, left_out = fitting_runs("CorrectedNARX.fit", runs)

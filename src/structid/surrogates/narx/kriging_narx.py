@@ -28,18 +28,18 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 class KrigingNARX(NARXSettings):
     """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
 
-    With ``training="joint"`` the coefficients of each run are refined on its own free run. Where the run does not determine them,
-    they are drawn towards those of the joint training. The differences are interpolated. Least squares alone lets collinear
-    coefficients wander, and no interpolation can follow them.
+    With ``training="joint"`` the coefficients of each run are refined on its free run. Coefficients that the run does not
+    determine are drawn towards the coefficients of the joint training. The differences are then interpolated. With plain least
+    squares, collinear coefficients would vary so irregularly that no interpolation is possible.
 
     Parameters
     ----------
     kriging : Kriging
-        How the coefficients are interpolated.
+        Interpolation of the coefficients.
     refinements : int
-        Steps of the refinement.
+        Number of steps of the refinement.
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`.
+        See `NARXSettings`.
 
     Examples
     --------
@@ -53,20 +53,20 @@ class KrigingNARX(NARXSettings):
 
     @property
     def forms(self) -> tuple[CorrectedNARX, ...]:
-        """Forms for a calibration, where a surrogate must interpolate the runs: with an interpolation of its residuals."""
+        """Forms for a calibration, in which the surrogate must interpolate the runs; see `CorrectedNARX`."""
         return CorrectedNARX(self).forms
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
-        """Fit to runs on one record or several; see `PCNARX.fit`.
+        """Fit a surrogate to runs on one or several records; see `PCNARX.fit`.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for; failed ones are left out.
+            Runs of the replaced model; failed runs are left out.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
         weights : ndarray, shape (run,), optional
-            How much the error of each run counts in the joint training; the same for all when left out.
+            Weights of the errors of the runs in the joint training; equal by default.
 
         Returns
         -------
@@ -77,7 +77,7 @@ class KrigingNARX(NARXSettings):
 
 
 def from_keys(**given: Any) -> KrigingNARX:
-    """Make settings from the keys of a study file, including those of the Kriging."""
+    """Make settings from the keys of a study file, including the keys of Kriging."""
     kriging, others = kriging_settings(given)
     return KrigingNARX(kriging=replace(KrigingNARX().kriging, **kriging), **others)
 

@@ -1,4 +1,4 @@
-"""NARX of one measured system: constant coefficients, identified from measured inputs and outputs."""
+"""NARX of one measured system, with constant coefficients identified from measured inputs and outputs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.campaign.runs import InMemory, Runs
+from structid.campaign.runs import Runs, StoredInMemory
 from structid.core.errors import InputError, Status
 from structid.core.progress import Progress
 from structid.core.validation import check_arguments
@@ -24,12 +24,12 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 @check_arguments
 @dataclass(frozen=True)
 class NARX(NARXSettings):
-    """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.
+    """Settings of a NARX of one system, with constant coefficients identified from measured inputs and outputs.
 
     Parameters
     ----------
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`; there are no parameters, so the degree does not matter.
+        See `NARXSettings`. There are no parameters, so the degree has no effect.
 
     Examples
     --------
@@ -45,18 +45,18 @@ class NARX(NARXSettings):
         channels: Sequence[str] = ("displacement",),
         progress: Progress | None = None,
     ) -> ParametricNARX:
-        """Fit to one experiment or several.
+        """Fit a NARX to one or several experiments.
 
         Parameters
         ----------
         excitations : Excitation or sequence of Excitation
-            What drove the system; several inputs at once are a `CombinedExcitation`.
+            Excitations of the system; combine several simultaneous inputs in a `CombinedExcitation`.
         responses : array-like or sequence of array-like, shape (time,) or (time, channel)
-            What was measured, in SI, one for each excitation.
+            Measured responses in SI, one for each excitation.
         channels : sequence of str
             Names of the channels.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
 
         Returns
         -------
@@ -72,12 +72,12 @@ class NARX(NARXSettings):
                 raise InputError(
                     "NARX.fit(excitations)",
                     f"a {type(record).__name__}",
-                    "a ForceHistory, a GroundMotion or another excitation, which know their time step",
-                    "Such as structid.ForceHistory(values, dt).",
+                    "a ForceHistory, a GroundMotion or another excitation, which has a time step",
+                    "Use, for example, structid.ForceHistory(values, dt).",
                 )
         measured = [np.asarray(r, dtype=np.float64) for r in responses]
         if not records or len(records) != len(measured):
-            raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one to each")
+            raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one for each")
         samples = max(map(len, records))
         values = np.full((len(records), samples, len(channels)), np.nan)
         for row, (record, response) in enumerate(zip(records, measured, strict=True)):
@@ -85,17 +85,15 @@ class NARX(NARXSettings):
                 raise InputError(
                     "NARX.fit",
                     f"a response of shape {response.shape}",
-                    f"({len(record)}, {len(channels)}) as its excitation",
+                    f"shape ({len(record)}, {len(channels)}), to match its excitation",
                 )
             if not np.isfinite(response).all():
                 came = f"a response with {np.count_nonzero(~np.isfinite(response))} values that are not finite"
-                raise InputError(
-                    "NARX.fit", came, "finite numbers", "Cut or repair the measurement before handing it over."
-                )
+                raise InputError("NARX.fit", came, "finite numbers", "Cut or repair the measurement first.")
             values[row, : len(record)] = response.reshape(len(record), -1)
         nothing = Design(np.zeros((len(records), 0)), ParameterSpace())
         status = np.full(len(records), Status.DONE)
-        runs = Runs(nothing, records, channels, InMemory(values), status, np.arange(len(records)))
+        runs = Runs(nothing, records, channels, StoredInMemory(values), status, np.arange(len(records)))
         return NARXFit(self, runs, progress, fewest=1).pc_narx(PCE(degree=0))
 
 

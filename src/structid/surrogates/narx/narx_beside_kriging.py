@@ -1,4 +1,4 @@
-"""A fitted NARX with a POD-Kriging that responds to the records of its runs."""
+"""A fitted NARX, combined with a POD-Kriging for the records of its runs."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from structid.surrogates.pod.score_shortcut import ScoreShortcut
 
 
 class NARXBesideKriging(Surrogate):
-    """A fitted `CorrectedNARX`: accepts any record, and is most accurate on those of its runs."""
+    """A fitted `CorrectedNARX`, which accepts any record and is most accurate on the records of its runs."""
 
-    own_records: ClassVar[bool] = True  # not only these, but its response to them is another one
+    own_records: ClassVar[bool] = True  # other records are allowed, but the NARX responds to them
 
     def __init__(self, fit: Fit, narx: ParametricNARX, kriging: ResponseSpaceSurrogate) -> None:
         super().__init__(fit)
-        # The Kriging admits points as the whole does, also where it is asked directly, as by a shortcut.
+        # The Kriging must admit the same points as the whole, because a shortcut uses it directly.
         self.narx, self.kriging = narx, copy.copy(kriging)
         self.kriging.fitted = replace(kriging.fitted, low=fit.low, high=fit.high, outside=fit.outside)
 
     @property
     def kind_in_words(self) -> str:
-        """The kind named by the user, with its interpolation on some records."""
+        """Name of the user's kind of surrogate, with a note on the interpolation."""
         return f"{self.narx.fitted.kind} surrogate (interpolated on the records of its runs)"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """The terms, and the records on which the response is interpolated."""
+        """Terms of the NARX, and records on which the response is interpolated."""
         records = ", ".join(f"'{fit.name}'" for fit in self.kriging.records.values())
         return [*self.narx.structure_in_words, ("the response itself is interpolated on", records)]
 
@@ -51,7 +51,7 @@ class NARXBesideKriging(Surrogate):
         return identity in self.kriging.records
 
     def _responding(self, identity: str) -> ParametricNARX | ResponseSpaceSurrogate:
-        """The part that responds to a record."""
+        """Return the part that computes the response to a record."""
         return self.kriging if self.knows(identity) else self.narx
 
     def check_excitation(self, excitation: Excitation) -> None:
@@ -59,13 +59,13 @@ class NARXBesideKriging(Surrogate):
         self.narx.check_excitation(excitation)
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points; warn of an excitation stronger than those of the fit."""
+        """Check excitation and points; warn of an excitation stronger than the training excitations."""
         super().before_run(theta, excitation)
         if not self.knows(excitation.content_hash):
             self.narx.before_run(theta, excitation)
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Loop of the part that responds; see `TraceableModel.time_loop`."""
+        """Return the loop of the part that computes the response; see `TraceableModel.time_loop`."""
         admitted = self.admitted(theta)
         loop = self._responding(excitation.identity).time_loop(theta, excitation)
         return loop._replace(usable=lambda state: loop.usable(state) & admitted)
@@ -73,7 +73,7 @@ class NARXBesideKriging(Surrogate):
     def shortcut(
         self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
     ) -> ScoreShortcut | None:
-        """Sum modes and measurements over time on the records of the runs; see `TraceableModel.shortcut`."""
+        """Return the shortcut of the Kriging, if the record is one of its records; see `TraceableModel.shortcut`."""
         return self.kriging.shortcut(excitation, values, channels) if self.knows(excitation.content_hash) else None
 
     def error_variance(
@@ -82,7 +82,7 @@ class NARXBesideKriging(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the error, averaged over time; see `StandIn.error_variance`."""
+        """Return the variance of the error, averaged over time; see `StandIn.error_variance`."""
         return self._responding(excitation.identity).error_variance(theta, excitation, values)
 
     def standard_deviation(
@@ -91,7 +91,7 @@ class NARXBesideKriging(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the part that responds."""
+        """Return the standard deviation in time of the part that computes the response."""
         return self._responding(excitation.content_hash).standard_deviation(theta, excitation, values)
 
     def sampled(
@@ -108,12 +108,12 @@ class NARXBesideKriging(Surrogate):
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on, excluding fit times, which a file contains."""
+        """Hash of all data on which a response depends, without the fit times in a file."""
         fit = self.fitted
         return digest(fit.outside, fit.low, fit.high, self.narx.content_hash, self.kriging.content_hash)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Contents for a file."""
+        """Return the contents for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for name, part in (("narx", self.narx), ("kriging", self.kriging)):
@@ -129,7 +129,7 @@ class NARXBesideKriging(Surrogate):
             raise InputError(
                 "load_surrogate",
                 "a CorrectedNARX of version 0.2, a sum of a NARX and a Kriging",
-                "one of this version, in which the Kriging responds alone",
+                "a CorrectedNARX of this version, in which the Kriging replaces the NARX on its records",
                 "Fit it again to its runs.",
             )
 

@@ -1,4 +1,4 @@
-"""Fit of a NARX to runs: signals and structure, coefficients as functions of the parameters, error of the fit."""
+"""Fit of a NARX to runs: signals, structure, coefficients as functions of the parameters, and error of the fit."""
 
 from __future__ import annotations
 
@@ -40,29 +40,29 @@ from structid.surrogates.narx.training.training_set import TrainingSet, spread_r
 from structid.surrogates.regression import Regression
 
 TRAINING_BOUND = 2.0
-"""During training, outputs are bounded by this multiple of the largest one in the data."""
+"""Bound of outputs during training, as a multiple of the largest output in the data."""
 
 LOSS_SCALE = 1e-3
-"""Errors beyond this count only by their logarithm."""
+"""Error above which the loss is logarithmic in the error."""
 
 LAST_STEPS = 4
-"""Final training steps, which use all runs."""
+"""Number of final training steps, which use all runs."""
 
 RESCUE_HORIZONS = (16, 128)
-"""Samples between restarts in preliminary training, where free runs of the regression diverge."""
+"""Numbers of samples between restarts in preliminary training, which is used if free runs of the regression diverge."""
 
 LOST = 0.1
-"""Free runs of the regression diverge if their robust mean error exceeds this."""
+"""Robust mean error above which free runs of the regression count as diverged."""
 
 HORIZON_STEPS = 4
 """Largest number of training steps with each horizon."""
 
 STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
-"""Stages of a fit, and their fraction of its time."""
+"""Stages of a fit, and their relative durations."""
 
 
 class NARXFit:
-    """One fit, step by step: data, structure, coefficients, uncertainty."""
+    """One fit, in steps: data, structure, coefficients, uncertainty."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class NARXFit:
 
     @cached_property
     def points(self) -> Design:
-        """Points of the completed runs, in the coordinates of their space if it has any."""
+        """Points of the completed runs, in the coordinates of their space if there are any."""
         return coordinate_design(self.runs.design)
 
     def _coefficients(
@@ -106,13 +106,13 @@ class NARXFit:
         return Coefficients(trend, deviation, varying, scale, space if space.coordinates else None)
 
     def pc_narx(self, pce: PCE) -> ParametricNARX:
-        """Fit coefficients as chaos expansions."""
+        """Fit coefficients that are chaos expansions."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(pce))
         return self._surrogate(self._coefficients(self._joint()))
 
     def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
-        """Fit coefficients interpolated by Kriging."""
+        """Fit coefficients that are interpolated by Kriging."""
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(kriging))
         trend = self._joint()
@@ -140,7 +140,7 @@ class NARXFit:
         return self._coefficients(trend, fitted, varying, scale)
 
     def _joint(self) -> ChaosExpansion:
-        """Coefficients as jointly trained chaos expansions."""
+        """Train the coefficients jointly as chaos expansions."""
         basis = self._basis()
         features = basis.evaluate(self.points.values)
         data, rows = self.data[self.fitted], features[self.fitted]
@@ -149,7 +149,7 @@ class NARXFit:
         if self.settings.steps == 0:
             return self._expansion(basis, start, rows)
         start = self._over_short_horizons(start, rows, data)
-        # Most steps see part of the runs only: enough to determine every coefficient.
+        # Most steps use only part of the runs, enough to determine every coefficient.
         steps, report = self.settings.steps, self.stages.of("training")
         some = spread_rows(data.weights, max(len(data) // 4, 3 * len(basis)))
         early = max(steps - LAST_STEPS, 0) if len(some) < len(data) // 2 else 0
@@ -178,7 +178,7 @@ class NARXFit:
         return self._expansion(basis, trained.coefficients, rows)
 
     def _over_short_horizons(self, start: np.ndarray, features: np.ndarray, data: TrainingSet) -> np.ndarray:
-        """Train on runs that restart from the measured past: on request, or where free runs diverge."""
+        """Train on runs that restart from the measured past, on request or if free runs diverge."""
         horizons = self.settings.horizons
         if horizons is None:
             loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE, data.weights)
@@ -203,7 +203,7 @@ class NARXFit:
         return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.points.values[self.fitted], values)
 
     def _surrogate(self, coefficients: Coefficients) -> ParametricNARX:
-        # Runs held out, or all of them where none are.
+        # Use the held-out runs, or all runs if none are held out.
         rows = self.unseen if len(self.unseen) else self.fitted
         predicted = np.asarray(coefficients.predict(self.runs.design.values[rows]))
         errors = self.free_run.errors(predicted, self.data[rows]).mean(axis=1)

@@ -1,4 +1,4 @@
-"""A fitted NARX whose coefficients are functions of the parameters (PC-NARX, Kriging-NARX); it accepts any record.
+"""A fitted NARX for any record, whose coefficients are functions of the parameters (PC-NARX, Kriging-NARX).
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from structid.campaign.runs import InMemory, Runs
+from structid.campaign.runs import Runs, StoredInMemory
 from structid.core.arrays import Array
 from structid.core.errors import InputError, Status, StructidWarning
 from structid.core.progress import Progress
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PREDICTION_BOUND = 10.0
-"""A prediction beyond this multiple of the largest training output has diverged."""
+"""Multiple of the largest training output above which a prediction counts as diverged."""
 
 STRONGER = 1.1
-"""A record whose peak exceeds the largest training peak by this factor causes a warning."""
+"""Ratio of a record's peak to the largest training peak above which a warning is given."""
 
 WINDOW = 101
-"""Samples of the moving root mean square to which the predicted standard deviation is proportional."""
+"""Number of samples in the moving root mean square, to which the predicted standard deviation is proportional."""
 
 
 def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
-    """Set the predicted standard deviation so that 95 % of the samples of held-out runs lie within 1.96 of it."""
+    """Set the predicted standard deviation so that 95 % of the samples of held-out runs are within 1.96 standard deviations."""
     ratios: list[np.ndarray] = []
     for number in np.unique(runs.record_of_run):
         some = runs.on(int(number))
@@ -76,7 +76,7 @@ def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNAR
 
 
 def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarray, "run time channel"]:
-    """Moving root mean square of histories, at least a thousandth of the overall one."""
+    """Return the moving root mean square of histories, at least a thousandth of the overall root mean square."""
     window = min(WINDOW, values.shape[1])
     square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
     whole = np.mean(values**2, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarra
 
 
 class ParametricNARX(Surrogate):
-    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record with the time step of its training."""
+    """A fitted `PCNARX` or `KrigingNARX`, which simulates by recursion any record with the time step of its training."""
 
     def __init__(
         self,
@@ -101,12 +101,12 @@ class ParametricNARX(Surrogate):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """The term or shape parameter of each coefficient."""
+        """Term or shape parameter of each coefficient."""
         return self.recursion.names
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """The terms."""
+        """Terms of the NARX."""
         return [("terms", ", ".join(self.terms))]
 
     def check_excitation(self, excitation: Excitation) -> None:
@@ -114,26 +114,26 @@ class ParametricNARX(Surrogate):
         if excitation.kind != self.fitted.excitation or abs(excitation.dt / self.fitted.dt - 1.0) > 1e-9:
             raise InputError(
                 f"{self.fitted.kind}: record",
-                f"'{excitation.name}', a {excitation.kind} in steps of {excitation.dt:g} s",
-                f"a {self.fitted.excitation} in steps of {self.fitted.dt:g} s, as it was trained with",
-                "Resample it.",
+                f"'{excitation.name}', a {excitation.kind} with a time step of {excitation.dt:g} s",
+                f"a {self.fitted.excitation} with a time step of {self.fitted.dt:g} s, as in the training",
+                "Resample the record.",
             )
 
     def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
-        """Check excitation and points; warn of an excitation stronger than those of the fit."""
+        """Check excitation and points; warn of an excitation stronger than the training excitations."""
         super().before_run(theta, excitation)
         peaks = np.abs(excitation.values.reshape(len(excitation), -1)).max(axis=0)
         if self.fitted.outside != "allow" and (peaks > STRONGER * self.largest_input).any():
             ratio = float(np.max(peaks / self.largest_input))
             warnings.warn(
-                f"{self.fitted.kind}: '{excitation.name}' is {ratio:.2g} times as strong as anything it was fitted to; a recursion "
-                "knows little of responses beyond those. Fit it to runs on stronger records.",
+                f"{self.fitted.kind}: '{excitation.name}' is {ratio:.2g} times as strong as the training records, so the "
+                "response may be inaccurate. Fit the surrogate to runs on stronger records.",
                 StructidWarning,
                 stacklevel=3,
             )
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Loop of the free run; see `TraceableModel.time_loop`."""
+        """Return the loop of the free run; see `TraceableModel.time_loop`."""
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         x = namespace(x).concatenate([x, x[-1:]])
@@ -144,7 +144,7 @@ class ParametricNARX(Surrogate):
         def step(carried: tuple[Any, Any], row: Any) -> tuple[tuple[Any, Any], Any]:
             state, inside = carried
             state, scaled = free.step(state, row)
-            inside = inside & (jnp.abs(scaled) < bound).all(axis=0)  # NaN is not
+            inside = inside & (jnp.abs(scaled) < bound).all(axis=0)  # false for NaN
             return (state, inside), jnp.where(inside, scaled, jnp.nan) * self._factors[:, None]
 
         start = (free.start, jnp.ones(theta.shape[0], dtype=bool))
@@ -157,34 +157,34 @@ class ParametricNARX(Surrogate):
     def predict_ahead(
         self, design: Design | np.ndarray, excitation: Excitation, measured: np.ndarray, horizon: int = 1
     ) -> Histories:
-        """Predict from the measured past up to a horizon, rather than from the model's own past as `simulate` does.
+        """Predict from the measured past up to a horizon; `simulate` predicts from the model's past instead.
 
         Every `horizon` samples the recursion restarts from the measurement: the next sample is predicted one step ahead, the last
-        one `horizon` steps. A one-step error says little about the free run; comparing both shows which of the two fails.
+        sample `horizon` steps ahead. A small one-step error does not imply a small free-run error; compare both.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
         if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
-            raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples, 1 or more")
+            raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples of 1 or more")
         values = self._measured(measured, len(theta), len(excitation), "predict_ahead: measured")
         outputs = self._from_measured(theta, excitation, values, horizon=int(horizon))
         return self._histories(outputs[:, excitation.dropped_samples :], excitation)
 
     def simulate_after(self, design: Design | np.ndarray, excitation: Excitation, beginning: np.ndarray) -> Histories:
-        """Simulate freely after a measured beginning, for a system that is not at rest at the start of the record.
+        """Simulate a free run after a measured beginning, for a system that is not at rest at the start of the record.
 
-        `simulate` starts with the outputs at their mean initial values in the training data and with zeros before. Here the
-        measurement initialises the memory of the recursion. The longest lag suffices, except that integrals and hysteretic
-        memories need as long as the system takes to forget.
+        `simulate` starts with the outputs at their mean initial values in the training data, and with zeros before. Here the
+        measurement initialises the memory of the recursion. Its duration must be the longest lag, or, for integrals and hysteretic
+        memories, the time after which initial conditions have no effect.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
         if excitation.dropped_samples:
             came = f"a signal with {excitation.lead_in_periods} lead-in periods"
-            raise InputError("simulate_after: excitation", came, "none: what was measured begins with the record")
+            raise InputError("simulate_after: excitation", came, "no lead-in before the measurement")
         measured_samples = np.shape(beginning)[-2] if np.ndim(beginning) > 1 else np.size(beginning)
         if not 1 <= measured_samples < len(excitation):
-            allowed = f"1 to {len(excitation) - 1} for this excitation"
+            allowed = f"1 to {len(excitation) - 1} samples for this excitation"
             raise InputError("simulate_after: beginning", f"{measured_samples} samples", allowed)
         start = self._measured(beginning, len(theta), measured_samples, "simulate_after: beginning")
         later = np.zeros((len(theta), len(excitation) - measured_samples, len(self.channels)))
@@ -192,7 +192,7 @@ class ParametricNARX(Surrogate):
         return self._histories(np.concatenate([start, outputs[:, measured_samples:]], axis=1), excitation)
 
     def _measured(self, given: np.ndarray, runs: int, samples: int, where: str) -> np.ndarray:
-        """Measured values (run, time, channel)."""
+        """Return measured values (run, time, channel) after a check."""
         values = np.asarray(given, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
         shape = (runs, samples, len(self.channels))
@@ -205,11 +205,11 @@ class ParametricNARX(Surrogate):
     def _from_measured(
         self, theta: np.ndarray, excitation: Excitation, values: np.ndarray, horizon: int | None = None, known: int = 0
     ) -> np.ndarray:
-        """Outputs in SI of runs that start from measured values (run, time, channel)."""
+        """Compute the outputs in SI of runs that start from measured values (run, time, channel)."""
         return self._outputs(self._coefficients_at(theta), excitation, values, horizon, known)
 
     def run_with(self, coefficients: Float[np.ndarray, "run coefficient"], excitation: Excitation) -> Histories:
-        """Simulate freely with given coefficients."""
+        """Simulate a free run with given coefficients."""
         nothing = np.zeros((len(coefficients), len(excitation), len(self.channels)))
         outputs = self._outputs(coefficients, excitation, nothing)
         return self._histories(outputs[:, excitation.dropped_samples :], excitation)
@@ -222,14 +222,14 @@ class ParametricNARX(Surrogate):
         horizon: int | None = None,
         known: int = 0,
     ) -> np.ndarray:
-        """Outputs in SI for given coefficients, which may restart from values (run, time, channel)."""
+        """Compute the outputs in SI for given coefficients, with optional restarts from values (run, time, channel)."""
         count = len(coefficients)
-        # The parameters are not looked at here, and may be none.
+        # The parameters are not used here, and there may be none.
         runs = Runs(
             Design(np.zeros((count, 0)), ParameterSpace()),
             (excitation,),
             self.channels,
-            InMemory(values),
+            StoredInMemory(values),
             np.full(count, Status.DONE),
             np.zeros(count, dtype=int),
         )
@@ -238,7 +238,7 @@ class ParametricNARX(Surrogate):
         return np.asarray(run.outputs(coefficients, data) * self._factors)
 
     def _histories(self, outputs: np.ndarray, excitation: Excitation) -> Histories:
-        """Histories, NaN from the point where one leaves the range of the training data."""
+        """Return histories, with NaN after a run diverges from the range of the training data."""
         beyond = (np.abs(outputs) >= (1.0 - 1e-9) * PREDICTION_BOUND * self.largest * self._factors).any(axis=2)
         lost = np.logical_or.accumulate(beyond, axis=1)
         status = np.where(lost.any(axis=1), Status.DIVERGED, Status.DONE)
@@ -248,7 +248,7 @@ class ParametricNARX(Surrogate):
 
     @property
     def _factors(self) -> np.ndarray:
-        """SI value of one scaled unit of each output."""
+        """Factor that converts each scaled output to SI."""
         return np.array([self.recursion.scales[y] for y in self.recursion.outputs])
 
     def standard_deviation(
@@ -257,7 +257,7 @@ class ParametricNARX(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation of the error: a fraction of the prediction's moving root mean square, from held-out runs."""
+        """Return the standard deviation of the error, a fraction of the prediction's moving root mean square from held-out runs."""
         return np.asarray(local_size(values) * self.spread)
 
     def error_variance(
@@ -266,13 +266,13 @@ class ParametricNARX(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
+        """Return the variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
         return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
 
     def validate_structure(self, runs: Runs, refined: bool = True, progress: Progress | None = None) -> Validation:
-        """Simulate freely with coefficients fitted to each run separately, to show what the terms can represent.
+        """Simulate free runs with coefficients fitted to each run separately, to assess the terms.
 
-        The thesis's figures 3.12 and 5.5 to 5.7 show such errors over its experimental design, with `refined=False`.
+        Figures 3.12 and 5.5 to 5.7 of the thesis show such errors over the experimental design, with `refined=False`.
         """
         return validate(WithOwnCoefficients.of(self, runs, refined), runs, progress)
 
@@ -285,19 +285,19 @@ class ParametricNARX(Surrogate):
         return least_squares_of_each(free_run, data)
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
-        """Draw the coefficients against those fitted to single runs, where a run determines them."""
+        """Draw the coefficients against coefficients fitted to single runs, if the run determines them."""
         from structid.figures import surrogate as figures
 
         done = runs[runs.done]
         for number in np.unique(done.record_of_run):
             self.check_excitation(done.records[number])
         if done.channels != self.channels:
-            raise InputError("plot_coefficients", f"runs of {', '.join(done.channels)}", ", ".join(self.channels))
+            raise InputError("plot_coefficients", f"the channels {', '.join(done.channels)}", ", ".join(self.channels))
         predicted = self._coefficients_at(self.parameters(done.design))
         return figures.coefficients(self.own_coefficients(done, refined), predicted, self.terms, save=save)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Contents for a file."""
+        """Return the contents for a file."""
         contents, arrays = self.coefficients.to_plain()
         recursion = self.recursion
         plain = {
@@ -345,26 +345,26 @@ class WithOwnCoefficients:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Those of the surrogate."""
+        """Channels of the surrogate."""
         return self.surrogate.channels
 
     def parameters(self, design: Design) -> np.ndarray:
-        """Those of the surrogate."""
+        """Return the parameters of the surrogate; see `Model.parameters`."""
         return self.surrogate.parameters(design)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """As for the surrogate."""
+        """Refuse an excitation that the surrogate refuses."""
         self.surrogate.check_excitation(excitation)
 
     def outside(self, theta: np.ndarray) -> np.ndarray:
-        """As for the surrogate."""
+        """Return a mask of the points outside the range of the surrogate."""
         return self.surrogate.outside(theta)
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
-        """That of the surrogate."""
+        """Return the standard deviation of the surrogate."""
         return self.surrogate.standard_deviation(theta, excitation, values)
 
     def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
-        """Respond with the coefficients of these points."""
+        """Compute the response with the coefficients of these points."""
         coefficients = np.stack([self.of_point[point.tobytes()] for point in theta])
         return self.surrogate.run_with(coefficients, excitation)

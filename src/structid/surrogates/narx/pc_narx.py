@@ -28,9 +28,9 @@ class PCNARX(NARXSettings):
     Parameters
     ----------
     pce : PCE
-        For ``training="per-experiment"``: how the coefficients are expanded.
+        Expansion of the coefficients for ``training="per-experiment"``.
     terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`.
+        See `NARXSettings`.
 
     Examples
     --------
@@ -43,20 +43,20 @@ class PCNARX(NARXSettings):
 
     @property
     def forms(self) -> tuple[CorrectedNARX, ...]:
-        """Forms for a calibration, where a surrogate must interpolate the runs: with an interpolation of its residuals."""
+        """Forms for a calibration, in which the surrogate must interpolate the runs; see `CorrectedNARX`."""
         return CorrectedNARX(self).forms
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
-        """Fit to runs on one record or several.
+        """Fit a surrogate to runs on one or several records.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for; failed ones are left out.
+            Runs of the replaced model; failed runs are left out.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
         weights : ndarray, shape (run,), optional
-            How much the error of each run counts in the joint training; the same for all when left out.
+            Weights of the errors of the runs in the joint training; equal by default.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Settings that every NARX surrogate shares.
+"""Settings common to all NARX surrogates.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -21,34 +21,33 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
 from structid.surrogates.in_coordinates import coordinate_design
-from structid.surrogates.narx.structure.experiments import Signals
+from structid.surrogates.narx.structure.experiments import NARXSignals
 from structid.surrogates.narx.structure.narx_structure import structure_of
 from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, as_terms
 
 
 @dataclass(frozen=True)
 class NARXSettings:
-    """Settings shared by PC-NARX and Kriging-NARX."""
+    """Settings common to PC-NARX and Kriging-NARX."""
 
-    # Candidate terms of every output, or of each output by its channel. When left out, terms with a hysteretic memory.
-    # Outputs are called ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, …
+    # Candidate terms of every output, or of each output by its channel; by default terms with a hysteretic memory. The
+    # output is ``y``, or several outputs ``y1``, ``y2``, …; the input is ``x``, or several inputs ``x1``, ``x2``, …
     terms: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None = None
     memories: Sequence[Memory | str] = ()  # memories used by `terms`
-    # ``"joint"``: all coefficients at once, on the one-step error and then on the free-run error. ``"per-experiment"``,
-    # as in the thesis: coefficients of each experiment by ordinary least squares, which are then interpolated
+    # ``"joint"``: fit all coefficients at once, to the one-step error and then to the free-run error. ``"per-experiment"``,
+    # as in the thesis: fit the coefficients of each experiment by ordinary least squares, and then interpolate them
     training: Literal["joint", "per-experiment"] = "joint"
-    # Choose among the terms by their free runs; all are kept when left out
+    # Method that selects terms by their free runs; by default all terms are kept
     selection: Literal["lars", "orthogonal"] | None = None
     most_terms: int | None = None  # largest number of terms that the selection keeps
     degree: int = 3  # largest degree of the coefficients' chaos expansions in the joint training
-    # Samples between restarts from the measured past, one number for each stage of training before the one on free
-    # runs. When left out: 16 and then 128 where the free runs of the regression are lost, and no such stage where they
-    # are not
+    # Samples between restarts from the measured past, one number for each stage of training before the stage on free
+    # runs. Default: 16 and then 128 if the free runs of the regression diverge, and otherwise no such stages
     horizons: Sequence[int] | None = None
     steps: int = 10  # largest number of training steps on the free-run error; 0 keeps the regression
-    # Share of the runs that is held out, to choose when to stop and how large the predicted standard deviation is
+    # Fraction of held-out runs, which determine the end of the training and the predicted standard deviation
     held_out: float = 0.1
-    # Time at the start of each run that does not count [s], since what went before is not known there
+    # Time at the start of each run that is not used [s], since the preceding signals are unknown
     washout: float = 0.0
     limit: float = 5e-2  # largest mean relative error accepted in a posterior
     outside: OutsideRule = "warn"  # treatment of points outside the range of the design
@@ -62,16 +61,16 @@ class NARXSettings:
         if self.selection is not None:
             check_choice("selection", self.selection, ("lars", "orthogonal"))
         if not 0.0 <= self.held_out < 0.5:
-            raise InputError("held_out", f"{self.held_out}", "a share, 0 or more and below 0.5")
+            raise InputError("held_out", f"{self.held_out}", "a fraction of at least 0 and below 0.5")
         for name, least in (("degree", 0), ("steps", 0), ("most_terms", 1)):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, np.integer)) and value >= least):
-                raise InputError(name, f"{value!r}", f"a whole number, {least} or more")
+                raise InputError(name, f"{value!r}", f"a whole number of {least} or more")
         if not (isinstance(self.washout, (int, float)) and self.washout >= 0.0):
-            raise InputError("washout", f"{self.washout!r}", "a time in seconds, 0 or more")
+            raise InputError("washout", f"{self.washout!r}", "a time of 0 s or more")
         if not all(isinstance(h, int) and h >= 1 for h in self.horizons or ()):
-            raise InputError("horizons", f"{self.horizons!r}", "numbers of samples, 1 or more")
-        # A term or a memory that cannot be read is refused here, not after the runs.
+            raise InputError("horizons", f"{self.horizons!r}", "numbers of samples of 1 or more")
+        # Invalid terms and memories are refused here, before the model runs.
         for terms in self.terms.values() if isinstance(self.terms, Mapping) else [self.terms or ()]:
             as_terms(terms)
         as_memories(self.memories)
@@ -80,7 +79,7 @@ class NARXSettings:
         """Check the settings against planned runs."""
         kind = type(self).__name__
         common_step(f"{kind}.fit", records)
-        structure_of(self.terms, self.memories, Signals.of(records[0], channels))
+        structure_of(self.terms, self.memories, NARXSignals.of(records[0], channels))
         check_enough(f"{kind}.fit", len(design), f"{len(design)} runs")
         if self.training == "joint":
             fitted, _ = held_out_rows(len(design), self.held_out, self.seed)
@@ -99,20 +98,20 @@ class NARXSettings:
 
 
 def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the held-out runs."""
+    """Select training runs and held-out runs at random."""
     count = round(share * runs)
     order = stream(seed, Purpose.HELD_OUT_RUNS).permutation(runs)
     return np.sort(order[count:]), np.sort(order[:count])
 
 
 def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that the runs determine coefficients as chaos expansions of a degree."""
+    """Check that there are enough runs for coefficients that are chaos expansions of a degree."""
     terms = math.comb(space.dimension + degree, degree)
     if terms > max(runs // 2, 1):
         raise InputError(
             f"{kind}.fit",
-            f"{runs} runs (those held out apart) for coefficients of {terms} chaos terms (degree {degree})",
-            f"{2 * terms} runs or more",
+            f"{runs} runs (without held-out runs) for coefficients of {terms} chaos terms (degree {degree})",
+            f"at least {2 * terms} runs",
             "Lower the degree.",
         )
 
@@ -129,7 +128,7 @@ NARX_KEYS = {
     "held_out": float,
     "washout": Annotated[Seconds, Field(ge=0)],
 }
-"""Study-file keys of every NARX, and their types; see `NARXSettings`."""
+"""Study-file keys common to all NARX surrogates, and their types; see `NARXSettings`."""
 
 JOINT_KEYS = ("degree", "horizons", "steps")
-"""Keys that only the joint training uses."""
+"""Keys used only by the joint training."""

@@ -1,1 +1,1 @@
-"""Response space: principal components of histories, and a regression of each score."""
+"""Response-space surrogates: principal components of histories, and a regression of each score."""

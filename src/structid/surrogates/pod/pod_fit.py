@@ -1,4 +1,4 @@
-"""Fit of principal components and their scores to runs, record by record."""
+"""Fit of principal components and scores to runs, record by record."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 from structid.surrogates.regression import Regression
 
 ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]
-"""Function that fits the scores on the record with a content hash."""
+"""Function that fits the scores on a record, which is identified by its content hash."""
 
 
 class PODSettings(Protocol):
@@ -54,7 +54,7 @@ class PODSettings(Protocol):
 
 
 def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
-    """Check planned runs: enough on each record, all with one time step."""
+    """Check planned runs: each record needs enough runs, and all records need one time step."""
     common_step(f"{kind}.fit", records)
     fewest = len(design) // len(records)
     check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")
@@ -96,7 +96,7 @@ def fit_records(
 
 
 def _by_record(runs: Runs) -> dict[str, Runs]:
-    """Runs by the content of their record: a record that appears twice counts as one."""
+    """Group runs by the content of their record; a record that appears twice counts as one record."""
     hashes = [r.content_hash for r in runs.records]
     of_run = np.array([hashes.index(hashes[i]) for i in runs.record_of_run])
     merged = replace(runs, record_of_run=of_run)
@@ -110,7 +110,7 @@ def _fit_record(runs: Runs, regression: ScoreRegression, left_out_energy: float,
     if not scale.all():
         still = runs.channels[int(np.argmin(scale))]
         raise InputError(
-            "fit", f"the channel '{still}', constant in every run on '{record.name}'", "channels that vary"
+            "fit", f"the channel '{still}' is constant in every run on '{record.name}'", "channels that vary"
         )
     table = (values / scale).reshape(len(values), -1)
     mean, modes, scores, truncation = principal_components(table, left_out_energy)

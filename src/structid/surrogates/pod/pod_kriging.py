@@ -1,4 +1,4 @@
-"""POD-Kriging: principal components of the histories, each score a Kriging."""
+"""POD-Kriging: principal components of the histories, with a Kriging of each score."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 from structid.surrogates.surrogate_kind import SurrogateKind
 
 LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
-"""Fractions of the variance that components omit."""
+"""Fractions of the variance that the components omit, by default and in a calibration."""
 
 REACH_IN_A_CALIBRATION = 0.5
-"""Distance beyond the range of the runs to which a Kriging extrapolates in a calibration, relative to the width of the range.
-Its variance covers what it does not know there, and model runs follow. A response clipped at the edge would hide a
-posterior in the tails of the prior."""
+"""Distance of Kriging extrapolation beyond the range of the runs in a calibration, relative to the width of the range.
+The Kriging variance covers the extrapolation error, and model runs follow there. A response clipped at the edge would hide
+a posterior in the tails of the prior."""
 
 
 @check_arguments
 @dataclass(frozen=True)
 class PODKriging:
-    """Settings: principal components of the histories, y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), each score a Kriging.
+    """Settings of POD-Kriging: principal components y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), with a Kriging of each score.
 
     Parameters
     ----------
     kriging : Kriging
-        How the scores are interpolated. By default they share one correlation, weighted by their energy.
+        Interpolation of the scores. By default the scores share one correlation, weighted by their energy.
     left_out_energy : float, optional
-        Components are kept until they leave out this share of the variance; 1e-8 when left out, and 1e-13 in a calibration, where
-        what they leave out would scatter the log density of precise measurements.
+        Fraction of the variance that the components omit. The default is 1e-8, and 1e-13 in a calibration, because omitted
+        variance would scatter the log density of precise measurements.
     reach : float, optional
-        How far beyond the range of the runs it extrapolates, as a share of the range's width; further out it responds as there. 0
-        when left out, and 0.5 in a calibration, where its own variance is asked and model runs follow.
+        Distance of extrapolation beyond the range of the runs, as a fraction of its width; further out the response is constant.
+        The default is 0, and 0.5 in a calibration, which uses the Kriging variance and adds model runs there.
     limit : float
-        Largest mean relative error with which it may be used in a posterior.
+        Largest mean relative error accepted in a posterior.
     outside : {"warn", "refuse", "allow"}
-        What to do with parameters beyond the range of the design.
+        Treatment of parameters outside the range of the design.
 
     Examples
     --------
@@ -72,16 +72,16 @@ class PODKriging:
     def __post_init__(self) -> None:
         check_energy(self.energy)
         if self.reach is not None and not (isinstance(self.reach, (int, float)) and 0.0 <= self.reach < np.inf):
-            raise InputError("PODKriging.reach", f"{self.reach!r}", "a share of the range's width, 0 or more")
+            raise InputError("PODKriging.reach", f"{self.reach!r}", "a fraction of the range's width, 0 or more")
 
     @property
     def energy(self) -> float:
-        """Fraction of the variance that components omit."""
+        """Fraction of the variance that the components omit."""
         return LEFT_OUT if self.left_out_energy is None else self.left_out_energy
 
     @property
     def forms(self) -> tuple[PODKriging, ...]:
-        """Forms from which a calibration chooses; only one if a Kriging was specified."""
+        """Forms from which a calibration selects; only one form if a Kriging was given."""
         kinds = (
             Kriging(separable=False),
             Kriging(separable=True),
@@ -99,42 +99,42 @@ class PODKriging:
         return asdict(self)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made.
+        """Check the settings against planned runs.
 
         Parameters
         ----------
         design : Design
-            Their points.
+            Points of the planned runs.
         records : sequence of Excitation
-            What will drive them, dealt out in turn.
+            Records of the planned runs, assigned in turn.
         channels : sequence of str
-            What they will return; any will do.
+            Channels of the planned runs; any channels are accepted.
 
         Raises
         ------
         InputError
-            If no surrogate can be fitted to them: too few on each record, or records of different steps.
+            If there are too few runs on a record, or the records have different time steps.
         """
         check_runs("PODKriging", design, records)
 
     def fit(
         self, runs: Runs, progress: Progress | None = None, start: ResponseSpaceSurrogate | None = None
     ) -> ResponseSpaceSurrogate:
-        """Fit to runs on one record or several.
+        """Fit a surrogate to runs on one or several records.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for; failed ones are left out.
+            Runs of the replaced model; failed runs are left out.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
         start : ResponseSpaceSurrogate, optional
             A surrogate fitted to some of these runs. The search starts from its correlation lengths; see `Kriging.fit`.
 
         Returns
         -------
         ResponseSpaceSurrogate
-            A model for those records.
+            A model for these records.
         """
         previous = {} if start is None else start.records
 
@@ -147,7 +147,7 @@ class PODKriging:
 
 
 def from_keys(**given: Any) -> PODKriging:
-    """Make settings from the keys of a study file, including those of the Kriging."""
+    """Make settings from the keys of a study file, including the keys of Kriging."""
     kriging, others = kriging_settings(given)
     return PODKriging(kriging=Kriging(**kriging), **others)
 

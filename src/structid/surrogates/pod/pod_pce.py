@@ -1,4 +1,4 @@
-"""POD-PCE: principal components of the histories, each score a polynomial chaos expansion."""
+"""POD-PCE: principal components of the histories, with a polynomial chaos expansion of each score."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 @check_arguments
 @dataclass(frozen=True)
 class PODPCE:
-    """Settings: principal components of the histories, each score a polynomial chaos expansion.
+    """Settings of POD-PCE: principal components of the histories, with a polynomial chaos expansion of each score.
 
     Parameters
     ----------
     pce : PCE
-        How the scores are expanded. By default, coefficients shrink with the degree. Sparse expansions of a hundred scores take
-        minutes and are a hundred times less accurate.
+        Expansion of the scores. By default, coefficients shrink with the degree. Sparse expansions of a hundred scores take
+        minutes, and their error is a hundred times larger.
     left_out_energy, limit, outside
-        As for `PODKriging`.
+        See `PODKriging`.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class PODPCE:
 
     @property
     def energy(self) -> float:
-        """Fraction of the variance that components omit."""
+        """Fraction of the variance that the components omit."""
         return self.left_out_energy
 
     @property
@@ -68,35 +68,35 @@ class PODPCE:
         Parameters
         ----------
         design : Design
-            Their points.
+            Points of the planned runs.
         records : sequence of Excitation
-            What will drive them, dealt out in turn.
+            Records of the planned runs, assigned in turn.
         channels : sequence of str
-            What they will return; any will do.
+            Channels of the planned runs; any channels are accepted.
         """
         check_runs("PODPCE", design, records)
         self.pce.check_runs(design.space.dimension, len(design) // len(records))
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
-        """Fit to runs on one record or several; see `PODKriging.fit`.
+        """Fit a surrogate to runs on one or several records; see `PODKriging.fit`.
 
         Parameters
         ----------
         runs : Runs
-            Of the model it is to stand for; failed ones are left out.
+            Runs of the replaced model; failed runs are left out.
         progress : callable, optional
-            Called with the percentage of the fit that is done, and 100.
+            Callback whose arguments are the finished percentage of the fit, and 100.
 
         Returns
         -------
         ResponseSpaceSurrogate
-            A model for those records.
+            A model for these records.
         """
         return fit_records(self, lambda _hash, design, scores, tell: self.pce.fit(design, scores, tell), runs, progress)
 
 
 def from_keys(**given: Any) -> PODPCE:
-    """Make settings from the keys of a study file, including those of the expansion."""
+    """Make settings from the keys of a study file, including the keys of the expansion."""
     pce_keys = {key: given.pop(key) for key in PCE_KEYS if key in given}
     default = PODPCE().pce if not pce_keys else PCE()
     return PODPCE(pce=replace(default, **pce_keys), **given)

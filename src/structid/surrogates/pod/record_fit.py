@@ -1,4 +1,4 @@
-"""A response-space surrogate on one record: mean, modes, and a regression of the scores."""
+"""A response-space surrogate on one record: mean, modes and a regression of the scores."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class RecordFit:
 
     @property
     def error(self) -> float:
-        """Mean leave-one-out error relative to the histories' own variation."""
+        """Mean leave-one-out error relative to the variation of the histories."""
         left_out = np.sum(self.score_deviation**2) + np.sum(self.truncation**2)
         return float(left_out / self._mean_spread)
 
     @property
     def _mean_spread(self) -> float:
-        # Σ (y − ȳ)² over time, averaged over the design: of the mean history, and of what varies about it.
+        # Σ (y − ȳ)² over time, averaged over the design, has a part from the mean history and a part from the variation.
         shape = (self.samples, -1)
         centred = self.mean.reshape(shape) - self.mean.reshape(shape).mean(axis=0)
         modes = self.modes.reshape(len(self.modes), *centred.shape)

@@ -24,7 +24,7 @@ from structid.surrogates.regression_list import regression_from_plain
 
 
 class ResponseSpaceSurrogate(Surrogate):
-    """A fitted `PODKriging` or `PODPCE`, restricted to the records it was fitted to."""
+    """A fitted `PODKriging` or `PODPCE`, restricted to the records of its training runs."""
 
     loops: ClassVar[bool] = False
     own_records: ClassVar[bool] = True
@@ -34,20 +34,20 @@ class ResponseSpaceSurrogate(Surrogate):
         self.records = dict(records)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse a record the surrogate was not fitted to."""
+        """Refuse a record that is not a record of the training runs."""
         if excitation.content_hash not in self.records:
             records = ", ".join(
                 f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values()
             )
             raise InputError(
                 f"{self.fitted.kind}: record",
-                f"'{excitation.name}' ({len(excitation)} samples at {excitation.dt:g} s), which it was not fitted to",
+                f"the surrogate was not fitted to '{excitation.name}' ({len(excitation)} samples at {excitation.dt:g} s)",
                 records,
-                "Fit it to runs on that record, or use PCNARX or KrigingNARX, which take any.",
+                "Fit it to runs on this record, or use PCNARX or KrigingNARX, which accept any record.",
             )
 
     def response(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond: scores, then their sum with the modes."""
+        """Compute the scores, then the response as the sum of scores times modes."""
         fit, numpy = self.records[excitation.identity], namespace(theta)
         factors = np.tile(fit.scale, fit.samples)
         scores = fit.scores.predict(self.held_inside(theta))
@@ -56,7 +56,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return values.reshape(fit.samples, len(fit.scale), -1), finite
 
     def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
-        """Response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`."""
+        """Return a loop over samples, for a likelihood that needs no history; see `TraceableModel.time_loop`."""
         fit = self.records[excitation.identity]
         scores = fit.scores.predict(self.held_inside(theta)).T
         modes = fit.modes.reshape(-1, fit.samples, len(fit.scale)) * fit.scale
@@ -71,12 +71,12 @@ class ResponseSpaceSurrogate(Surrogate):
 
     @property
     def _compiled_response(self) -> Callable[..., Any]:
-        return self.response  # two products of matrices: nothing to compile
+        return self.response  # two matrix products need no compilation
 
     def shortcut(
         self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
     ) -> ScoreShortcut:
-        """Sum modes and measurements over time; see `TraceableModel.shortcut`."""
+        """Precompute sums of modes and measurements over time; see `TraceableModel.shortcut`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         shape = (fit.samples, len(fit.scale))
@@ -110,7 +110,7 @@ class ResponseSpaceSurrogate(Surrogate):
         excitation: TracedExcitation,
         values: Float[Array, "time channel run"],
     ) -> Float[Array, "channel run"]:
-        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
+        """Return the variance of the surrogate's error, averaged over time; see `StandIn.error_variance`."""
         fit = self.records[excitation.identity]
         shape = (fit.samples, len(fit.scale))
         squares = (fit.modes.reshape(-1, *shape) ** 2).mean(axis=1) * fit.scale**2
@@ -118,7 +118,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return (self.scores_with_deviation(fit, theta)[1] ** 2 @ squares + rest).T
 
     def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Scores and their standard deviations."""
+        """Return the scores and their standard deviations."""
         scores, deviation = fit.scores.predict_with_deviation(self.held_inside(theta))
         if deviation is None:
             numpy = namespace(scores)
@@ -131,7 +131,7 @@ class ResponseSpaceSurrogate(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Standard deviation in time: that of the scores through the modes, and that of the omitted components."""
+        """Return the standard deviation in time, from the scores and from the omitted components."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         deviation = fit.scores.deviation(self.held_inside(np.asarray(theta, dtype=np.float64)))
@@ -143,7 +143,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from the errors of the scores, which are independent; see `Surrogate.sampled`."""
+        """Draw responses from the independent errors of the scores; see `Surrogate.sampled`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         scores, deviation = self.scores_with_deviation(fit, np.asarray(theta, dtype=np.float64))
@@ -157,7 +157,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run of the fit from all others, with the same correlation lengths."""
+        """Predict each training run from all other runs, with the same correlation lengths."""
         fit = self.records[excitation.content_hash]
         kriging: Any = fit.scores
         scores = kriging.predict(np.asarray(theta, dtype=np.float64)) - kriging.leave_one_out_residuals
@@ -165,7 +165,7 @@ class ResponseSpaceSurrogate(Surrogate):
         return np.asarray(values * fit.scale)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Contents for a file."""
+        """Return the contents for a file."""
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
         for number, (content_hash, fit) in enumerate(self.records.items()):

@@ -17,7 +17,7 @@ from structid.surrogates.pod.record_fit import RecordFit
 
 
 class ScoreSource(Protocol):
-    """What provides the scores: a response-space surrogate."""
+    """Interface of a response-space surrogate that provides the scores."""
 
     channels: tuple[str, ...]
     records: dict[str, RecordFit]
@@ -26,10 +26,10 @@ class ScoreSource(Protocol):
         """Move points outside the range of the design to its edge."""
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
-        """Points that a posterior may use."""
+        """Return a mask of the points that a posterior may use."""
 
     def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Scores and their standard deviations."""
+        """Return the scores and their standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ScoreShortcut(Shortcut):
     levers_beyond: Float[Array, "channel measurement component"]  # Φ beyond, which is zero up to rounding
 
     def for_runs(self, measurement: Int[Array, " run"]) -> ScoreShortcut:
-        """Assign each run a measurement of its own; see `Shortcut.for_runs`."""
+        """Assign a separate measurement to each run; see `Shortcut.for_runs`."""
         return replace(
             self,
             nearest=self.nearest[:, measurement],
@@ -55,7 +55,7 @@ class ScoreShortcut(Shortcut):
         )
 
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ."""
+        """Return the sum of squares from the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ."""
         scores = self._record.scores.predict(self.surrogate.held_inside(theta))
         squares = self._squares(scores)
         return squares, jnp.isfinite(squares).all(axis=0) & self.surrogate.admitted(theta)
@@ -65,7 +65,7 @@ class ScoreShortcut(Shortcut):
         return self.surrogate.records[self.identity]
 
     def _squares(self, scores: Any) -> Any:
-        """‖r‖², shape (channel, run)."""
+        """Return ‖r‖², shape (channel, run)."""
         squares = []
         for channel in range(self.inner.shape[0]):
             gap = scores - self.nearest[channel]
@@ -74,16 +74,16 @@ class ScoreShortcut(Shortcut):
         return jnp.stack(squares)
 
     def _projected(self, scores: Any) -> Any:
-        """Φ r, shape (channel, run, component)."""
+        """Return Φ r, shape (channel, run, component)."""
         return self.levers_beyond - (scores - self.nearest) @ self.inner
 
     def marginal_log_likelihood(
         self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
     ) -> tuple[Any, Any] | None:
-        """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
+        """Return the log density N(y − ŷ; 0, σ²I + Φᵀ S Φ), marginalised over the score errors, for a surrogate of one channel.
 
-        Its modes are orthogonal, ΦΦᵀ = a²I, so that the covariance is diagonal in the space of the scores: with the scores'
-        variances s² and p = Φr/a it is σ² + a²s² along each mode, and σ² beyond them,
+        The modes are orthogonal, ΦΦᵀ = a²I, so the covariance is diagonal in the space of the scores. With the score variances s²
+        and p = Φr/a, the variance is σ² + a²s² along each mode and σ² in all other directions. The log density is
 
             −½ [(T − K) log 2πσ² + Σ log 2π(σ² + a²s²) + (‖r‖² − ‖p‖²)/σ² + Σ p²/(σ² + a²s²)].
         """
@@ -114,7 +114,7 @@ def nearest_scores(
     residual: Float[np.ndarray, " time"],
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """Split a residual into its projection on the modes and the remainder."""
-    # What is out of reach is kept apart, so that a small misfit keeps its digits.
+    # The remainder is kept separate, so that a small misfit keeps its digits.
     nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
     beyond = residual - nearest @ modes
     return nearest, beyond @ beyond, modes @ beyond

@@ -275,7 +275,7 @@ def test_what_it_does_not_take():
     with pytest.raises(InputError, match="start from the prior"):
         si.sample(problem.target, SMALL, start=np.zeros((20, 3)))
     bare = si.LogDensity(lambda t: -0.5 * (t**2).sum(axis=1), ("a",), lambda n, rng: rng.normal(size=(n, 1)))
-    with pytest.raises(InputError, match="does not know its prior"):
+    with pytest.raises(InputError, match="without a separate prior"):
         si.sample(bare, SMALL)
 
 

@@ -60,9 +60,9 @@ def test_a_wall_on_joints_and_finer_blocks():
     [
         (dict(openings=(Opening(1.0, 0.0, 3.0, 1.0),)), "does not fit.*2.7 m wide"),
         (dict(openings=(DOOR, Opening(2.0, 0.0, 0.5, 1.0))), "overlaps the opening from .1.2, 0."),
-        (dict(courses=None, course_height=0.3), "a course does not meet 1.6 m"),
+        (dict(courses=None, course_height=0.3), "does not fit: the zone from 0 to 1.6 m"),
         (dict(courses=(2,)), "one for each of the 2 zones"),
-        (dict(courses=((4, 3, 2), 2)), "whole number from 1, or 2 of them"),
+        (dict(courses=((4, 3, 2), 2)), "whole number from 1, or one for each of the 2 bays"),
         (dict(thickness=0.0), "Wall.thickness: 0"),
         (dict(widht=3.0), "Did you mean 'width'"),
     ],

@@ -6,7 +6,7 @@ import pytest
 import structid as si
 from structid.core.errors import InputError
 from structid.surrogates.narx.structure.candidate_terms import absolute_terms
-from structid.surrogates.narx.structure.experiments import Experiments, Signals
+from structid.surrogates.narx.structure.experiments import Experiments, NARXSignals
 from structid.surrogates.narx.structure.narx_structure import build_recursion
 from structid.surrogates.narx.training.free_run import FreeRun
 from structid.surrogates.narx.training.one_step_regression import first_coefficients
@@ -20,16 +20,16 @@ DT = 0.01
     ("terms", "memories", "words"),
     [
         (("v(t-1)",), (), r"the signal 'v'.*x, y"),
-        (("y(t)",), (), r"y\(t\).*not known yet"),
+        (("y(t)",), (), r"y\(t\).*Use a past value"),
         (("y(t-1)",), ("u = integral(w)",), "the signal 'w'"),
         (("y(t-1)",), ("u = mean(y)",), "integral"),
         (("y(t-1)",), ("u is y",), "u = integral"),
-        ((), (), "one term or more"),
+        ((), (), "one or more terms"),
     ],
 )
 def test_a_structure_that_does_not_fit(terms, memories, words):
     experiments = Experiments(
-        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, Signals(("x",), ("velocity",))
+        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, NARXSignals(("x",), ("velocity",))
     )
     with pytest.raises(InputError, match=words):
         build_recursion(experiments, terms, memories)
@@ -48,7 +48,7 @@ def test_selection_finds_the_terms_that_are_there(signals):
         y[:, t] = 0.7 * y[:, t - 1] + 0.5 * signals[:, t] - 0.2 * signals[:, t] * np.abs(y[:, t - 1])
     y += 1e-6 * rng.normal(size=y.shape)
     experiments = Experiments(
-        signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool), DT, Signals(("x",), ("velocity",))
+        signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool), DT, NARXSignals(("x",), ("velocity",))
     )
     recursion = build_recursion(experiments, absolute_terms(2, 2), ())
     for method in ("lars", "orthogonal"):
@@ -72,13 +72,13 @@ def test_the_first_coefficients_choose_the_shape_of_a_hysteresis():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (dict(terms={"speed": ["x(t)"]}), "those of speed.*velocity"),
-        (dict(memories=["z = hysteresis(y)"]), "none without terms"),
+        (dict(terms={"speed": ["x(t)"]}), "terms of speed.*velocity"),
+        (dict(memories=["z = hysteresis(y)"]), "no memories without terms"),
     ],
 )
 def test_structures_that_say_too_little(settings, words):
     experiments = Experiments(
-        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, Signals(("x",), ("velocity",))
+        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, NARXSignals(("x",), ("velocity",))
     )
     with pytest.raises(InputError, match=words):
         build_recursion(experiments, settings.get("terms"), settings.get("memories", ()))

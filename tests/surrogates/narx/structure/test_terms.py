@@ -58,7 +58,7 @@ def test_generators():
 
 
 def test_memories_are_named_once():
-    with pytest.raises(InputError, match="that of a function"):
+    with pytest.raises(InputError, match="is a function"):
         Memory("exp", "integral", "y")
 
 

@@ -1,1 +1,1 @@
-"""Tempered sequential Monte Carlo: from the prior to the posterior by degrees, with the evidence."""
+"""Tempered sequential Monte Carlo: from the prior to the posterior by tempering steps, with the evidence."""

@@ -20,9 +20,9 @@ def evidence_of(
     """Evidence from the particles of all tempering steps.
 
     After weighting and resampling, the particles should follow the distribution at the next exponent, which moves leave unchanged
-    on average. Where a narrow peak takes over, too few of them are on it: their mean log-likelihood rises while they move. When
-    their correlation with their start has fallen to ρ, a fraction ρ of such a deficit D remains: after a rise of (1 − ρ) D, ρ D
-    is missing.
+    on average. If a narrow peak becomes dominant, too few particles lie on it: their mean log-likelihood rises while they
+    move. When their correlation with their start has fallen to ρ, a fraction ρ of this deficit D remains: after a rise of
+    (1 − ρ) D, ρ D is missing.
     """
     left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
     each = np.zeros(len(stages[0].prior))
@@ -32,10 +32,10 @@ def evidence_of(
             increment = then.exponent - now.exponent
             ratio, ratio_error = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
             each[row] += ratio
-            # If each stage correlates by ρ with the next, the variance of their sum is (1 + ρ) / (1 − ρ) times that of
-            # independent ones.
+            # If neighbouring tempering steps correlate by ρ, the variance of their sum is (1 + ρ) / (1 − ρ) times the
+            # variance for independent steps.
             variance[row] += ratio_error * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
-    # log Z = ∫ ⟨log L⟩ dβ = ∫ β ⟨log L⟩ d log β (thermodynamic integration): what mean log-likelihoods lack, log Z lacks. The
+    # log Z = ∫ ⟨log L⟩ dβ = ∫ β ⟨log L⟩ d log β (thermodynamic integration): log Z shares the deficit of ⟨log L⟩. The
     # first exponents lie decades apart, where ⟨log L⟩ falls like 1/β.
     exponent = np.array([stage.exponent for stage in stages])[1:]
     lacked = rise[1:] * (exponent * left[1:] / (1.0 - left[1:]))[:, None]
@@ -55,9 +55,9 @@ def bennett_ratio(
         return float(expit(forward - constant).sum() - expit(constant - backward).sum())
 
     weighing, weighing_other = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
-    if not (weighing.size and weighing_other.size):  # nothing of one density where the other is
+    if not (weighing.size and weighing_other.size):  # the densities do not overlap
         return -np.inf, np.inf
-    # Begun where the draws with most weight are, and widened: draws of a log density of −1e30 must not widen it.
+    # The bracket starts at the draws with most weight and is widened; draws with a log density of −1e30 must not widen it.
     result = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(weighing_other))))
     shares = (expit(forward - result), expit(result - backward))
     variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)

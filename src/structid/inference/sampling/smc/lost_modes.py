@@ -1,8 +1,8 @@
 """Search for modes that particles have lost, from draws of the prior.
 
-While the exponent is small, a narrow mode holds few particles or none, whatever its final mass: of two Gaussian modes of widths
-s₁ < s₂ in d dimensions, the narrow one begins with a fraction of about (s₁/s₂)^d. Once it has lost its last particle, all
-populations agree without it. A search by steepest ascent does not compete for particles; it finds a mode if it begins in its
+While the exponent is small, a narrow mode contains few particles or none, whatever its final mass. Of two Gaussian modes of
+widths s₁ < s₂ in d dimensions, the narrow mode begins with a fraction of about (s₁/s₂)^d. Once it has lost its last particle, all
+populations agree without it. A search by steepest ascent needs no particles in the mode; it finds a mode if it begins in its
 basin.
 """
 
@@ -19,19 +19,19 @@ from structid.inference.target import Target
 VALLEY = 1.0
 """Fall of the log density along the path between two points that counts as a valley."""
 PLACES = (0.0, 0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
-"""Positions at which the path between two points is evaluated; those near its start show by the slope whose basin it is."""
+"""Positions at which the path between two points is evaluated; near its start, the slope shows the basin."""
 NEIGHBOURS = 10
 """Particles to which the path from the end of a search is evaluated."""
 SEARCHES = 8
 """Searches per round."""
 ROUNDS = 4
-"""Largest number of rounds: a bent posterior has valleys on straight paths, and no other mode."""
+"""Largest number of rounds, since straight paths in a curved posterior have valleys without a further mode."""
 TREND = 20
 """Points per coefficient for fitting a trend of the log density."""
 IN_A_PART = 10_000
 """Points at which that trend is evaluated at once."""
 LENGTHS = (0.25, 0.5, 1.0, 2.0)
-"""Lengths of steps uphill, relative to that at which a parabola would have its maximum."""
+"""Step lengths uphill, relative to the distance to a fitted parabola's maximum."""
 STEP = 1e-5
 """Step of finite differences, in unconstrained coordinates."""
 WIDEST = 10.0
@@ -61,9 +61,9 @@ def lost_modes(
 ) -> list[Mode]:
     """Search for modes without particles.
 
-    Each scout makes one step uphill. It is skipped if from there the density never falls on the straight path to a known mode.
-    Otherwise a search climbs from the point where the density begins to fall, the densest scouts first. Its maximum is a new mode
-    if valleys separate it from the surrounding particles.
+    Each scout makes one step uphill. It is skipped if the density never falls on the straight path from there to a known mode.
+    Otherwise a search climbs from the point where the density begins to fall, starting with the densest scouts. Its maximum is a
+    new mode if valleys separate it from the surrounding particles.
     """
     return _lost(_Known(target, particles, log_density), scouts)
 
@@ -91,7 +91,7 @@ def _lost(explored: _Known, scouts: np.ndarray) -> list[Mode]:
             else:
                 led_back.append(scouts[scout])
         scouts, density = scouts[rest], density[rest]
-        # From where the density never falls on the way to one of these, the way uphill ends where theirs does.
+        # If the density never falls on the path to one of these points, both ascents end at the same maximum.
         for scout in (*(mode.middle for mode in modes), *led_back):
             falls, *_ = explored.before_falls(scouts, density, scout)
             scouts, density = scouts[falls], density[falls]
@@ -108,7 +108,7 @@ def all_modes(
     many: Float[np.ndarray, "point parameter"],
     most: int,
 ) -> list[Mode]:
-    """Find the modes with particles, and those that have lost theirs."""
+    """Find the modes with particles, and the modes that have lost their particles."""
     explored = _Known(target, particles, log_density)
     modes: list[Mode] = []
     for centre, _ in explored.centres:
@@ -120,7 +120,7 @@ def all_modes(
 
 
 class _Known:
-    """The density, and where particles are."""
+    """The density, and the positions of particles."""
 
     def __init__(self, target: Target, particles: np.ndarray, log_density: np.ndarray) -> None:
         self.target = target
@@ -135,7 +135,7 @@ class _Known:
     def promising(self, many: np.ndarray, most: int) -> np.ndarray:
         """Choose starting points of searches: half of them arbitrary, half where the density is highest above a trend.
 
-        In ten dimensions the basin of a mode a third as wide as another is one ten-thousandth of the prior. The density there may
+        In ten dimensions, a mode a third as wide as another mode has a basin of 1/10 000 of the prior. The density there may
         be low, but it exceeds what the trend towards the other mode predicts.
         """
         density = self.density(many)
@@ -193,7 +193,7 @@ class _Known:
         return np.asarray(density.min(axis=0) < np.minimum(own_density, density_there) - VALLEY)
 
     def _centres(self) -> list[tuple[np.ndarray, float]]:
-        """The densest particle, then the densest of those separated from it by a valley, and so on."""
+        """The densest particle, then the densest particle separated from it by a valley, and so on."""
         order = np.argsort(-self.log_density, kind="stable")
         left = order[:: max(1, len(order) // 200)]
         centres: list[tuple[np.ndarray, float]] = []
@@ -275,11 +275,11 @@ def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
 
     some = slice(TREND * terms(slice(1)).shape[1])
     coefficients = np.linalg.lstsq(terms(some), density[some])[0]
-    # In parts: of twenty parameters there are 300 terms.
+    # In parts, since twenty parameters have 300 terms.
     trend = [terms(slice(first, first + IN_A_PART)) @ coefficients for first in range(0, len(many), IN_A_PART)]
     return np.asarray(density - np.concatenate(trend))
 
 
 def _finite(array: np.ndarray) -> np.ndarray:
-    """The same with zeros where a difference crosses the end of the support."""
+    """The array with zeros where a difference crosses the end of the support."""
     return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))

@@ -8,14 +8,14 @@ from jaxtyping import Float
 from structid.probability.ranks import ranks
 
 MOVED_BY = 5.0
-"""Standard errors by which the mean of an equilibrium quantity may change: the largest of some dozens."""
+"""Largest accepted change of an equilibrium quantity's mean, in standard errors, among some dozens of quantities."""
 
 
 def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) -> dict[int, float]:
     """Quantities whose mean changes from the first half of the moves to the second.
 
     Every particle is compared with itself, so that a common drift much smaller than the spread is detected. Ranks are compared,
-    so that outliers do not decide.
+    so that outliers do not dominate.
     """
     half = len(draws) // 2
     if half == 0:
@@ -24,7 +24,7 @@ def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) 
     for index in range(draws.shape[-1]):
         places = ranks(draws[..., index])
         change = places[-half:].mean(axis=0) - places[:half].mean(axis=0)
-        # Copies of a particle are not independent of each other; populations are.
+        # Copies of a particle depend on each other; populations are independent.
         variance = max(
             change.var() / change.size, change.mean(axis=1).var(ddof=1) / len(change) if len(change) > 1 else 0.0
         )

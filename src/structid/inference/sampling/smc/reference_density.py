@@ -14,8 +14,8 @@ from structid.inference.target import Target
 class FromReference(Target):
     """A target whose particles begin at a reference density q in place of the prior.
 
-    π = q · (π/q): the reference takes the prior's place and the rest the likelihood's, so that a tempering passes through
-    q^(1−β) π^β. Since q integrates to one, its evidence is the target's.
+    π = q · (π/q): q replaces the prior and π/q the likelihood, so that a tempering run passes through q^(1−β) π^β. Since q
+    integrates to one, the evidence equals the target's evidence.
     """
 
     def __init__(self, target: Target, particles: EnsembleState, modes: list[Mode]) -> None:
@@ -54,5 +54,5 @@ class FromReference(Target):
 
     @property
     def content_hash(self) -> str:
-        """The target's, since the sum of both parts is the same density."""
+        """Hash of the target, since the sum of both parts is the same density."""
         return self.target.content_hash

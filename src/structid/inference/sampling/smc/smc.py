@@ -1,8 +1,8 @@
 """Tempered sequential Monte Carlo: from the prior to the posterior by tempering steps, with the evidence.
 
 P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
-(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a
-proposal fitted to the resting ones, so the target needs no gradient. An external solver can be sampled, its failures are
+(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move like the walkers of an ensemble, or to a draw of a
+proposal fitted to the resting particles, so the target needs no gradient. An external solver can be sampled, its failures are
 counted, and every tempering step is on disk before the next.
 """
 
@@ -37,13 +37,12 @@ from structid.inference.sampling.smc.tempering import Population, block_of, run_
 from structid.inference.target import Target
 
 MOST_STAGES = 200
-"""Tempering steps after which the run is given up."""
+"""Largest number of tempering steps before the run stops with an error."""
 EVALUATIONS = (1.4, 25.0)
-"""Evaluations per particle and tempering run: the first times the square of the number of parameters, or if less the second
-times their number, for steps and moves as in `SMC.evaluations`. Posteriors of 5 to 36 parameters took half to twice as
-many."""
+"""Evaluations per particle and tempering run for d parameters, the smaller of the first value times d² and the second times
+d; see `SMC.evaluations`. Posteriors of 5 to 36 parameters took half to twice as many."""
 NEGLIGIBLE = 1e-3
-"""Mass of a lost mode, relative to the mass found, below which particles do not begin again."""
+"""Mass of a lost mode, relative to the mass found, below which particles do not restart."""
 MORE_BY = 3.0
 """Standard errors by which the evidence of a second tempering run must exceed the first's to replace it."""
 
@@ -53,9 +52,9 @@ MORE_BY = 3.0
 class SMC(Sampler):
     """Settings of tempered sequential Monte Carlo.
 
-    Particles begin as draws of the prior π₀ and pass through π₀ L^β with β rising from 0 to 1. Each stage weights them by L^Δβ,
-    resamples them by these weights, and moves them. The evidence ∫ π₀ L is a product over neighbouring stages: the ratios of
-    their normalising constants, each by Bennett's acceptance ratio from the particles of both.
+    Particles begin as draws of the prior π₀ and pass through π₀ L^β with β rising from 0 to 1. Each tempering step weights
+    them by L^Δβ, resamples them by these weights, and moves them. The evidence ∫ π₀ L is a product over neighbouring steps: the
+    ratios of their normalising constants, each by Bennett's acceptance ratio from the particles of both.
 
     Parameters
     ----------
@@ -66,23 +65,23 @@ class SMC(Sampler):
     steps : int
         Moves of every particle once β = 1 is reached; these are kept.
     effective_share : float
-        Effective share of the particles after the weighting of a stage. It sets Δβ.
+        Effective fraction of the particles after the weighting of a tempering step. It determines Δβ.
     correlation : float
-        Particles move in a stage until neither any parameter nor the log-likelihood correlates by more than this with its value
-        at the start of the stage, and until the mean log-likelihood has stopped rising.
+        Particles move in a tempering step until no parameter, nor the log-likelihood, correlates by more than this with its value
+        at the start of the step, and until the mean log-likelihood has stopped rising.
     least_moves, most_moves : int
-        Smallest and largest number of moves in a stage. Where the largest was too small, the error of the evidence says so.
+        Smallest and largest number of moves in a tempering step. If the largest is too small, the error of the evidence grows.
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves, drawn from proposals fitted to the resting particles. Where these
-        resemble the posterior, these moves make a particle forget where it was. With dozens of parameters they do not, and 0
-        saves these moves.
+        Fraction of the moves that are independence moves, drawn from proposals fitted to the resting particles. If these
+        resemble the posterior, such a move makes a particle independent of its start. With dozens of parameters they do not;
+        0 then saves these moves.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves instead of stretch moves.
     scouts : int
-        Draws of the prior for each particle, from which modes are searched that the particles have lost. If one is found, they
-        begin again, around all known modes. 0 to leave it out.
+        Prior draws for each particle, from which lost modes are searched. If a lost mode is found, the particles restart around
+        all known modes. 0 disables the search.
 
     Examples
     --------
@@ -103,8 +102,8 @@ class SMC(Sampler):
     differential_evolution: float = 0.5
     scouts: int = 1
 
-    discard = 0.0  # no field: there is no start to forget
-    # Particles begin where the posterior is. In one τ, those that were copied from one another have separated.
+    discard = 0.0  # no field: no start is discarded
+    # Particles begin in the posterior. Within one τ, copies of a particle have separated.
     needed_length: ClassVar[float] = 1.0
     starts_elsewhere: ClassVar[bool] = False
 
@@ -131,12 +130,12 @@ class SMC(Sampler):
         return self.particles
 
     def describe(self) -> dict[str, float | str]:
-        """Settings that decide the draws: all but the number of kept steps."""
+        """Settings that determine the draws: all except the number of kept steps."""
         return {"kind": "smc", **{k: v for k, v in asdict(self).items() if k != "steps"}}
 
     def evaluations(self, dimension: int) -> int:
-        """Densities that will be evaluated, about; see `Sampler.evaluations`."""
-        # Stages are the more the larger the share that is left, and moves the more the smaller the correlation must become.
+        """Approximate number of density evaluations; see `Sampler.evaluations`."""
+        # A larger effective share takes more tempering steps, and a smaller correlation takes more moves.
         longer = np.log(self.correlation) / np.log(self.effective_share)
         tempering = dimension * min(EVALUATIONS[0] * dimension, EVALUATIONS[1]) * longer
         return int(self.ensembles * self.particles * (tempering + self.scouts * (15 + dimension) + self.steps))
@@ -170,10 +169,10 @@ class SMC(Sampler):
         return self._drawn(blocks)
 
     def _refuse(self, target: Target, start: np.ndarray | None) -> None:
-        """Refuse what this sampler cannot do."""
+        """Refuse starting points, and too few particles."""
         if start is not None:
             raise InputError(
-                "sample(start)", "points to start from, for SMC", "none: its particles start from the prior"
+                "sample(start)", "starting points for SMC", "no starting points: its particles start from the prior"
             )
         if self.particles < 2 * target.dimension:
             raise InputError(
@@ -201,8 +200,8 @@ class SMC(Sampler):
             number = len(blocks)
             if number - first == MOST_STAGES:
                 raise ConvergenceError(
-                    f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} stages. Check the "
-                    "likelihood: it is finite almost nowhere, or far too narrow for these particles."
+                    f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} tempering steps. Check "
+                    "the likelihood: it is finite almost nowhere, or far too narrow for these particles."
                 )
             population, block = run_stage(self, target, population, stream(seed, Purpose.SMC_STAGE, number))
             self._append(block, blocks, keep)
@@ -211,7 +210,7 @@ class SMC(Sampler):
 
     @staticmethod
     def _append(block: Block, blocks: list[Block], keep: Keep) -> None:
-        """Store a block on disk and append it to the others."""
+        """Store a block on disk and append it to the earlier blocks."""
         keep(len(blocks), block)
         blocks.append(block)
 
@@ -221,7 +220,7 @@ class SMC(Sampler):
         return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
 
     def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
-        """A reference density around known and lost modes; None if no mode of any weight is lost."""
+        """A reference density around known and lost modes; None if no relevant mode is lost."""
         stages, _ = _divided(blocks)
         end = Population.of(stages[0][-1])
         scouts = target.initial(self.scouts * self.ensembles * self.particles, stream(seed, Purpose.SMC_SCOUTS))
@@ -258,7 +257,7 @@ class SMC(Sampler):
 
 
 def _divided(blocks: list[Block]) -> tuple[list[list[Block]], list[Block]]:
-    """The blocks of each tempering run, which begins at β = 0, and those of the moves at β = 1 that follow the last."""
+    """The blocks of each tempering run, which begins at β = 0, and the blocks of the moves at β = 1 after the last run."""
     temperings: list[list[Block]] = []
     for number, block in enumerate(blocks):
         if block["exponent"][0] == 0.0:
@@ -276,7 +275,7 @@ def _evidence(stages: list[Block]) -> Evidence:
 
 
 def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
-    """The tempering run to use: the second if it has found more than the first, since lost mass is missing in the evidence."""
+    """The tempering run to use: the second if its evidence is larger, since lost mass is missing in the evidence."""
     evidences = [(stages, _evidence(stages)) for stages in temperings]
     first, last = evidences[0], evidences[-1]
     more, error = last[1] - first[1]
@@ -284,6 +283,6 @@ def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
-    """The blocks of the tempering steps, and those of the later moves that a run of this many steps completes."""
+    """The blocks of the tempering steps, and the blocks of later moves that a run of this many steps completes."""
     temperings, moves = _divided(blocks)
     return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))

@@ -18,7 +18,7 @@ from structid.inference.target import Target
 
 
 class PopulationSettings(Protocol):
-    """How a population of particles is drawn and moved; see `SMC`."""
+    """Settings for drawing and moving a population of particles; see `SMC`."""
 
     @property
     def ensembles(self) -> int:
@@ -46,7 +46,7 @@ class PopulationSettings(Protocol):
 
     @property
     def stretch(self) -> float:
-        """Stretch of the stretch move, its a."""
+        """Parameter a of the stretch move."""
 
     @property
     def independent(self) -> float:
@@ -54,11 +54,11 @@ class PopulationSettings(Protocol):
 
     @property
     def differential_evolution(self) -> float:
-        """Fraction of the others that are differential-evolution moves."""
+        """Fraction of the other moves that are differential-evolution moves."""
 
 
 LEAST_LIKELIHOOD = -1e60
-"""Smallest log-likelihood of a particle that has one."""
+"""Smallest log-likelihood of a particle with non-zero likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class Population:
 
 
 def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.ndarray:
-    """Log π₀ L^β; at β = 0 a likelihood of −inf is ignored."""
+    """Log π₀ L^β; at β = 0 a log-likelihood of −inf is ignored."""
     return prior + exponent * likelihood if exponent > 0.0 else prior
 
 
@@ -95,13 +95,13 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int,
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(
             f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a likelihood. Check the priors: most of "
-            "what they allow cannot be simulated."
+            "their range cannot be simulated."
         )
     return Population(phi.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape), 0.0)
 
 
 def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log prior, log-likelihood and failure; a log-likelihood whose moments exceed float64 is `LEAST_LIKELIHOOD`."""
+    """Log prior, log-likelihood and failure; a log-likelihood whose moments exceed float64 becomes `LEAST_LIKELIHOOD`."""
     prior, likelihood, failed = target.evaluate_parts(phi)
     return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
 
@@ -189,7 +189,7 @@ def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: 
     def lacking(log_increment: float) -> float:
         with np.errstate(invalid="ignore"):
             weights = np.where(below_best > -np.inf, np.exp(np.exp(log_increment) * below_best), 0.0)
-        # The mean over the populations: none of them decides alone.
+        # The mean over the populations, so that no single population decides.
         size = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
         return float(np.log(size.sum() / (usable * share)))
 

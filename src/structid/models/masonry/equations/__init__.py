@@ -1,1 +1,1 @@
-"""The equations of motion of a wall and their solution."""
+"""Equations of motion of a wall, and their solution."""

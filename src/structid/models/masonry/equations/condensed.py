@@ -1,15 +1,15 @@
-"""The wall's equations of motion condensed to the jumps of its joints, for many runs at once, inside JAX.
+"""Equations of motion of a wall, condensed to the jumps of its joints, for many runs at once inside JAX.
 
-Blocks are linear, and nothing but joints and short bars connects them. In each block's own mass-orthonormal modes q the linear
-part is diagonal for any law of the joints. With average acceleration, u′ = 2/Δt (u − u₀) − u₀′ and
-u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″, a step is
+Blocks are linear, and only joints and short bars connect them. In the mass-orthonormal modes q of the separate blocks, the linear
+part is diagonal for any joint law. With average acceleration, u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″,
+the equations of a step are
 
     q = W (b − Vᵀ g(δ)),    W = 1 / (4/Δt² + 2 a₀/Δt + (1 + 2 a₁/Δt) λ),    δ = V q,
     b = p − ι a_g + 4/Δt² q₀ + 4/Δt q₀′ + q₀″ + (a₀ + a₁ λ)(2/Δt q₀ + q₀′),
     g(δ) = f(δ) + a₁ D₀ δ′,    δ′ = 2/Δt (δ − δ₀) − δ₀′,
 
-with the forces f of joints and short bars, and their symmetric tangent D₀ at the loaded wall. So the jumps alone are unknown:
-δ = V W b − F g(δ), F = V W Vᵀ. Newton's matrix is I + F (D + 2 a₁/Δt D₀).
+with the forces f of joints and short bars, and their symmetric tangent D₀ at the loaded wall. The only unknowns are therefore the
+jumps: δ = V W b − F g(δ), F = V W Vᵀ. The Newton matrix is I + F (D + 2 a₁/Δt D₀).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Condensed:
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Φ, shape (dof, mode), and λ: mass-orthonormal modes of every block with the bars within it."""
+        """Mass-orthonormal modes of every block with its inner bars: Φ, shape (dof, mode), and λ."""
         a = self.assembly
         inside = ~a.short_bars
         stiffness = a.block_stiffness + a.elongations[inside].T @ (
@@ -50,25 +50,25 @@ class Condensed:
             block_dofs = np.flatnonzero(block_of_dof == block)
             here = np.ix_(block_dofs, block_dofs)
             values, vectors = scipy.linalg.eigh(stiffness[here], a.mass[here])
-            # Rigid motions have none, up to rounding.
+            # Rigid-body modes have λ = 0, up to rounding.
             squares[block_dofs], shapes[here] = np.where(values > 1e-9 * values.max(), values, 0.0), vectors
         return shapes, squares
 
     @property
     def shapes(self) -> np.ndarray:
-        """Φ, shape (dof, mode): u = Φ q."""
+        """Mode shapes Φ, shape (dof, mode): u = Φ q."""
         return self._modes[0]
 
     @property
     def squares(self) -> np.ndarray:
-        """λ, shape (mode,) [1/s²]."""
+        """Squared frequencies λ, shape (mode,) [1/s²]."""
         return self._modes[1]
 
     @cached_property
     def jump_rows(self) -> np.ndarray:
-        """V, shape (jump, mode): opening and slip of every joint in turn, then elongations of the short bars.
+        """Matrix V, shape (jump, mode): opening and slip of every joint in turn, then elongations of the short bars.
 
-        Elongations are taken in pairs like the jumps of a joint; a row of zeros completes an odd number.
+        Elongations are grouped in pairs like the jumps of a joint; a row of zeros completes an odd number.
         """
         a = self.assembly
         rows = np.concatenate([a.jumps, a.elongations[a.short_bars]]) @ self.shapes
@@ -93,17 +93,17 @@ class Condensed:
 
     @cached_property
     def load(self) -> np.ndarray:
-        """Φᵀ p, shape (mode,)."""
+        """Modal load Φᵀ p, shape (mode,)."""
         return np.asarray(self.shapes.T @ self.assembly.load)
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """Φᵀ M ι, shape (mode,)."""
+        """Modal inertia Φᵀ M ι, shape (mode,)."""
         return np.asarray(self.shapes.T @ self.assembly.mass @ self.assembly.horizontal)
 
     @cached_property
     def bars(self) -> np.ndarray:
-        """E A / L of the short bars, shape (bar,) [N/m]; zero for the row that completes a pair."""
+        """Stiffness E A / L of the short bars, shape (bar,) [N/m]; zero for the row that completes a pair."""
         bars = self.assembly.bar_stiffness[self.assembly.short_bars]
         return np.concatenate([bars, np.zeros(len(bars) % 2)])
 
@@ -117,7 +117,7 @@ class Condensed:
     def forces(
         self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
     ) -> tuple[Any, Any]:
-        """Forces of joints and short bars, and their tangent."""
+        """Compute the forces of joints and short bars, and their tangent."""
         areas, count = self.assembly.joint_areas[:, None], 2 * self.joints
         response = self.joint_law.respond(law, memory, jumps[0:count:2], jumps[1:count:2])
         of_joints = jnp.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(count, -1)
@@ -131,17 +131,17 @@ class Condensed:
 
     @property
     def _bar_blocks(self) -> np.ndarray:
-        """Blocks of the bars' stiffness, shape (pair, 2, 2, 1)."""
+        """Stiffness blocks of the bars, shape (pair, 2, 2, 1)."""
         return (self.bars.reshape(-1, 2, 1) * np.eye(2))[..., None]
 
     def remembered(
         self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
     ) -> Float[Array, "memory joint run"]:
-        """Memory of the joints after a step."""
+        """Return the memory of the joints after a step."""
         count = 2 * self.joints
         return self.joint_law.remembered(law, memory, jumps[0:count:2], jumps[1:count:2])
 
     def compliance(self, weights: Float[Array, "mode run"]) -> Float[Array, "block 2 2 run"]:
-        """Blocks of F = V W Vᵀ."""
+        """Compute the blocks of F = V W Vᵀ."""
         rows, pattern = self.jump_rows.reshape(-1, 2, len(self.squares)), self.pattern
         return jnp.einsum("bim,mr,bjm->bijr", rows[pattern.rows], weights, rows[pattern.columns])

@@ -1,6 +1,6 @@
-"""The wall's equations of motion with dense matrices and Newton iterations, one run at a time.
+"""Equations of motion of a wall with dense matrices and Newton iterations, one run at a time.
 
-The reference for the faster formulations, and their fallback where they do not converge.
+This formulation is the reference for the faster formulations, and the fallback if they do not converge.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 from structid.models.masonry.finite_elements.assembly import Assembly
 
 TOLERANCE = 1e-10
-"""‖r‖ over ‖p − M ι a_g‖ of a converged step."""
+"""Largest ratio of ‖r‖ to ‖p − M ι a_g‖ in a converged step."""
 ITERATIONS = 30
-"""Newton iterations of a step before it is divided."""
+"""Number of Newton iterations of a step before the step is divided."""
 LARGEST_CUT = 64
 """Largest number of substeps into which a step is divided."""
 
@@ -36,7 +36,7 @@ class Forces:
     joints: Float[np.ndarray, " _"]  # joint forces conjugate to the jumps [N]
 
 
-class Matrices(NamedTuple):
+class WallMatrices(NamedTuple):
     """Mass, stiffness of the blocks, jumps, elongations, and the stiffness of blocks and bars together."""
 
     mass: Any
@@ -48,26 +48,26 @@ class Matrices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DenseWall:
-    """A wall with the law of its joints."""
+    """A wall with the constitutive law of its joints."""
 
     assembly: Assembly  # Matrices
-    joint_law: JointLaw  # law of its joints
-    law: CohesiveLaw  # parameters of that law
+    joint_law: JointLaw  # constitutive law of the joints
+    law: CohesiveLaw  # parameters of the joint law
 
     @property
     def nothing(self) -> np.ndarray:
-        """Memory of joints that were never loaded, shape (memory, joint)."""
+        """Memory of unloaded joints, shape (memory, joint)."""
         return np.zeros((self.joint_law.memories, len(self.assembly.joint_areas)))
 
     def remembered(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, "memory joint"]:
-        """Memory of the joints after a displacement."""
+        """Return the memory of the joints after a displacement."""
         delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
     def forces(self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]) -> Forces:
-        """Internal forces of blocks, bars and joints."""
+        """Compute the internal forces of blocks, bars and joints."""
         m, areas, bars = self.matrices, self.assembly.joint_areas, self.assembly.bar_stiffness
         delta = m.jumps @ u
         response = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2])
@@ -80,11 +80,11 @@ class DenseWall:
         )
 
     @cached_property
-    def matrices(self) -> Matrices:
-        """The assembly's matrices in this formulation."""
+    def matrices(self) -> WallMatrices:
+        """Matrices of the assembly in this formulation."""
         a = self.assembly
         linear = a.block_stiffness + a.elongations.T @ (a.bar_stiffness[:, None] * a.elongations)
-        return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
+        return WallMatrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
 
     def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Float[Array, "_ _"]:
         """Assemble a block-diagonal matrix."""
@@ -98,7 +98,7 @@ class DenseWall:
         return np.linalg.solve(matrix, right)
 
     def loaded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements under the vertical load, applied in steps, and the memory of the joints."""
+        """Compute the displacements under the vertical load, applied in steps, and the memory of the joints."""
         u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
         steps = self.joint_law.load_steps
         for step in range(1, steps + 1):
@@ -110,20 +110,20 @@ class DenseWall:
                     break
                 u = u + self.solved(forces.tangent, residual)
             else:
-                raise ConvergenceError(f"the vertical load finds no equilibrium at {step / steps:.0%} of it")
+                raise ConvergenceError(f"no equilibrium was found at {step / steps:.0%} of the vertical load")
             memory = self.remembered(u, memory)
         return u, memory
 
     def frequencies(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, " mode"]:
-        """Natural frequencies of the tangent's symmetric part."""
+        """Compute the natural frequencies of the symmetric part of the tangent."""
         tangent = self.forces(u, memory).tangent
         squares = self.lowest(0.5 * (tangent + tangent.T))
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
 
     def lowest(self, stiffness: Any) -> np.ndarray:
-        """Lowest squared natural frequencies."""
+        """Compute the lowest squared natural frequencies."""
         return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
 
     def rayleigh(
@@ -133,13 +133,13 @@ class DenseWall:
         ratio: float,
         modes: tuple[int, int] = (1, 3),
     ) -> tuple[float, float]:
-        """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω)."""
+        """Compute the coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω)."""
         one, other = 2.0 * np.pi * self.frequencies(u, memory)[[modes[0] - 1, modes[1] - 1]]
         return 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class WallMotion:
     """State of a wall at an instant, relative to the base."""
 
     u: Float[np.ndarray, " dof"]  # displacement [m]
@@ -152,14 +152,14 @@ class Motion:
 class DenseHistory:
     """Response of a wall to a record."""
 
-    u: Float[np.ndarray, "time dof"] = field(repr=False)  # displacements from the loaded wall on
+    u: Float[np.ndarray, "time dof"] = field(repr=False)  # displacements, starting at the loaded wall
     v: Float[np.ndarray, "time dof"] = field(repr=False)  # velocities
     a: Float[np.ndarray, "time dof"] = field(repr=False)  # accelerations
     memory: Float[np.ndarray, "time memory joint"] = field(repr=False)  # memory of the joints
     joints: Float[np.ndarray, "time _"] = field(repr=False)  # forces of the joints [N]
     base: Float[np.ndarray, " time"] = field(repr=False)  # acceleration of the base [m/s²]
     damping: Any = field(repr=False)  # C
-    converged: bool  # whether it reached the end
+    converged: bool  # whether the run reached the end
 
 
 def simulate(
@@ -176,7 +176,7 @@ def simulate(
     inertia = mass @ a.horizontal
     forces = wall.forces(u, memory)
     pushed = wall.solved(mass, a.load - inertia * base[0] - forces.internal)
-    motion = Motion(u, np.zeros_like(u), pushed, memory)
+    motion = WallMotion(u, np.zeros_like(u), pushed, memory)
     kept = [(motion.u, motion.v, motion.a, motion.memory, forces.joints)]
     for before, after in pairwise(base):
         next_motion = _step(wall, damping, inertia, motion, before, after, dt)
@@ -189,12 +189,12 @@ def simulate(
 
 
 def _step(
-    wall: DenseWall, damping: Any, inertia: np.ndarray, motion: Motion, before: float, after: float, dt: float
-) -> Motion | None:
-    """One step, divided into 2, 4, … parts where it does not converge; None if no division converges."""
+    wall: DenseWall, damping: Any, inertia: np.ndarray, motion: WallMotion, before: float, after: float, dt: float
+) -> WallMotion | None:
+    """Take one step, divided into 2, 4, … parts if it does not converge; return None if no division converges."""
     cut = 1
     while cut <= LARGEST_CUT:
-        next_motion: Motion | None = motion
+        next_motion: WallMotion | None = motion
         for part in range(1, cut + 1):
             if next_motion is not None:
                 load = wall.assembly.load - inertia * (before + (after - before) * part / cut)
@@ -205,10 +205,10 @@ def _step(
     return None
 
 
-def _newton(wall: DenseWall, damping: Any, load: np.ndarray, start: Motion, dt: float) -> Motion | None:
-    """Average acceleration: u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″."""
+def _newton(wall: DenseWall, damping: Any, load: np.ndarray, start: WallMotion, dt: float) -> WallMotion | None:
+    """Solve a step of average acceleration: u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″."""
     mass, limit = wall.matrices.mass, TOLERANCE * np.linalg.norm(load)
-    at = replace(start, v=-start.v, a=-4.0 / dt * start.v - start.a)  # where u has not moved yet
+    at = replace(start, v=-start.v, a=-4.0 / dt * start.v - start.a)  # values at u = u₀
     for _ in range(ITERATIONS):
         forces = wall.forces(at.u, start.memory)
         residual = load - mass @ at.a - damping @ at.v - forces.internal
@@ -218,5 +218,5 @@ def _newton(wall: DenseWall, damping: Any, load: np.ndarray, start: Motion, dt: 
         if not np.isfinite(size):
             return None
         move = wall.solved(4.0 / dt**2 * mass + 2.0 / dt * damping + forces.tangent, residual)
-        at = Motion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move, start.memory)
+        at = WallMotion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move, start.memory)
     return None

@@ -1,4 +1,4 @@
-"""The wall at rest under its vertical load: displacements, natural frequencies, Rayleigh damping."""
+"""A wall at rest under its vertical load: displacements, natural frequencies, Rayleigh damping."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.models.masonry.equations.condensed import Condensed
 ITERATIONS = 25
 """Largest number of Newton iterations of a load step."""
 TOLERANCE = 1e-12
-"""‖r‖ over ‖p‖ of a wall in equilibrium."""
+"""Largest ratio of ‖r‖ to ‖p‖ for a wall in equilibrium."""
 
 
 class Loaded(NamedTuple):
@@ -31,14 +31,14 @@ class Loaded(NamedTuple):
 
 
 def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tuple[int, int] = (1, 3)) -> Loaded:
-    """Load the wall and determine its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes."""
+    """Load the wall, and determine the Rayleigh damping of the loaded wall: ζ = ½ (a₀/ω + a₁ ω) in two modes."""
     q, memory = jnp.zeros((len(wall.squares), runs)), jnp.zeros((wall.joint_law.memories, wall.joints, runs))
     held = jax.tree.map(lax.stop_gradient, law)
     steps = wall.joint_law.load_steps
     for step in range(1, steps + 1):
         q = _in_equilibrium(wall, held, memory, q, step / steps)
         memory = wall.remembered(held, memory, wall.jump_rows @ q) if step < steps else memory
-    # One iteration from where it has converged: it has the exact derivatives of the implicit function.
+    # One more iteration from the converged state gives the exact derivatives of the implicit function.
     q = _iterated(wall, law, memory, lax.stop_gradient(q), 1.0)
     memory = wall.remembered(law, memory, wall.jump_rows @ q)
     at_rest = _stiffness(wall, law, memory, q)
@@ -50,7 +50,7 @@ def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tu
 
 
 def frequencies(wall: Condensed, law: CohesiveLaw) -> Float[np.ndarray, " dof"]:
-    """Natural frequencies of the loaded wall."""
+    """Compute the natural frequencies of the loaded wall."""
     at_rest = loaded(wall, law, 1, 0.0)
     tangent = np.asarray(_stiffness(wall, law, at_rest.memory, at_rest.q))[0]
     squares = np.linalg.eigvalsh(0.5 * (tangent + tangent.T))
@@ -58,7 +58,7 @@ def frequencies(wall: Condensed, law: CohesiveLaw) -> Float[np.ndarray, " dof"]:
 
 
 def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:
-    """Modal displacements under a fraction of the vertical load, by Newton iterations."""
+    """Compute the modal displacements under a fraction of the vertical load by Newton iterations."""
     limit = TOLERANCE * share * float(np.linalg.norm(wall.load))
 
     def missed(q: Any) -> Any:
@@ -69,8 +69,8 @@ def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, shar
         iterated = jnp.where(going, _iterated(wall, law, memory, q, share), q)
         return iterated, missed(iterated), count + 1
 
-    # Whether a run goes on is carried, not found again by the condition: mapped over runs, JAX works a condition out twice, and
-    # two roundings of a residual at its limit would let the loop go on for ever while nothing moves.
+    # The loop carries the mask of unfinished runs instead of computing it in its condition. Mapped over runs, JAX evaluates a
+    # condition twice. Different rounding of a residual at its limit could then make the loop endless.
     result, _, _ = lax.while_loop(
         lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS), iterate, (q, missed(q), 0)
     )
@@ -83,7 +83,7 @@ def _out_of_balance(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, shar
 
 
 def _stiffness(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any) -> Any:
-    """Λ + Vᵀ D V, shape (run, mode, mode)."""
+    """Compute Λ + Vᵀ D V, shape (run, mode, mode)."""
     rows, tangent = wall.jump_rows, wall.forces(law, memory, wall.jump_rows @ q)[1]
     spread = jnp.einsum("gabr,gbm->rgam", tangent, rows.reshape(-1, 2, rows.shape[1]))
     return jnp.diag(wall.squares) + jnp.einsum("jm,rjn->rmn", rows, spread.reshape(-1, *rows.shape))

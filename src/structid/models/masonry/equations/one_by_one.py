@@ -1,4 +1,4 @@
-"""Runs of a large wall one at a time, with sparse factorisation."""
+"""Runs of a large wall, one at a time, with sparse factorisation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def runs_one_by_one(
     substeps: int,
     progress: Progress | None = None,
 ) -> Histories:
-    """Run a wall with several parameter sets of its joints."""
+    """Run a wall with several parameter sets for its joints."""
     stages = excitation.stage_values(substeps)
     base, dt = np.append(stages[:, :, 0].ravel(), stages[-1, -1, 2]), excitation.dt / substeps
     values = np.full((len(laws), len(excitation), len(channels)), np.nan)
@@ -35,7 +35,7 @@ def runs_one_by_one(
         wall = SparseWall(condensed.assembly, condensed.joint_law, law)
         try:
             history = simulate(wall, base, dt, ratio)
-        except ConvergenceError:  # it does not carry its load
+        except ConvergenceError:  # the wall does not carry its load
             status[run], time[run] = Status.DIVERGED, 0.0
         else:
             outputs = recorded(condensed, wall, history, channels, dt, ratio)[::substeps]
@@ -50,7 +50,7 @@ def runs_one_by_one(
 def recorded(
     condensed: Condensed, wall: DenseWall, history: DenseHistory, channels: tuple[str, ...], dt: float, ratio: float
 ) -> Float[np.ndarray, "time channel"]:
-    """Channels of a history, all instants at once, as if each were a run."""
+    """Compute the channels of a history for all instants at once; each instant takes the place of a run."""
     modal = condensed.shapes.T @ wall.matrices.mass
     q, rate, acceleration = (modal @ series.T for series in (history.u, history.v, history.a))
     jumps, jump_rate = condensed.jump_rows @ q, condensed.jump_rows @ rate

@@ -1,14 +1,14 @@
-"""A wall under a rigid beam that moves slowly: its forces on the beam, without inertia.
+"""A wall under a rigid beam that moves slowly: the forces of the wall on the beam, without inertia.
 
-The blocks under the beam move with it. In the modes q of the blocks with the beam at rest, and with the jumps J d that the beam's
-motion d alone would open, equilibrium is
+The blocks under the beam move with it. q are the modes of the blocks with the beam at rest. J d are the jumps caused by the motion
+d of the beam without other motions. Equilibrium is
 
 Λ q + Vᵀ f(δ) = 0,    δ = V q + J d,    forces on the beam  r = Jᵀ f(δ).
 
-Blocks held by joints alone have modes with λ = 0. Therefore q is found by proximal steps: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0, which
-gives q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the previous q₀. With the smallest ε this is equilibrium to within ε over the
-squared frequency of a block on its joints. Where a crack runs there is no equilibrium nearby; a laboratory would hear a bang.
-Steps with a larger ε follow, as if the blocks moved through a viscous fluid, until the smallest ε converges again.
+Blocks held only by joints have modes with λ = 0. Therefore q is found by proximal steps: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0, which
+gives q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the previous q₀. With the smallest ε, the relative error of equilibrium is ε
+divided by the squared frequency of a block on its joints. While a crack propagates, no equilibrium is nearby. Steps with a larger
+ε then follow, as if the blocks moved in a viscous fluid, until the smallest ε converges again.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
 from structid.models.masonry.finite_elements.mesh import Mesh
 
 PROXIMAL = np.array([1e2, 1e4, 1e5, 1e6, 1e7, 1e8])
-"""ε [1/s²]. A block on its joints has 10⁵ and more; with a smaller first ε, rounding errors would grow."""
+"""ε [1/s²]. The squared frequency of a block on its joints is at least 10⁵. A smaller first ε would amplify rounding errors."""
 STEPS = 120
 """Largest number of proximal steps of a move."""
 BEAM = 3
 """Degrees of freedom of the beam: u_x, u_y [m], and the rotation θ [rad] about the middle of the wall's top."""
 LOADINGS = 8
-"""Newton iterations of the beam in a load step; the joints are in equilibrium in each."""
+"""Newton iterations of the beam in a load step; the joints are in equilibrium in each iteration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class BeamedWall:
 
     @cached_property
     def top_nodes(self) -> np.ndarray:
-        """Nodes under the beam, from the left."""
+        """Nodes under the beam, from left to right."""
         return np.concatenate([self.mesh.blocks[block][[3, 2]] for block in self.mesh.top_blocks])
 
     @cached_property
@@ -67,7 +67,7 @@ class BeamedWall:
         return Condensed(Assembly(held, self.masonry), self.joint_law)
 
     def rigid(self, nodes: np.ndarray) -> Float[np.ndarray, "_ 3"]:
-        """Displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2)."""
+        """Return the displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2)."""
         wall = self.mesh.wall
         x, y = self.mesh.nodes[nodes, 0] - 0.5 * wall.width, self.mesh.nodes[nodes, 1] - wall.height
         matrix = np.zeros((2 * len(nodes), BEAM))
@@ -77,7 +77,7 @@ class BeamedWall:
 
     @cached_property
     def jumps_of_beam(self) -> np.ndarray:
-        """J, shape (jump, 3): jumps if the blocks under the beam move with it and no others do."""
+        """Matrix J, shape (jump, 3): jumps if only the blocks under the beam move with it."""
         assembly, moving = Assembly(self.mesh, self.masonry), self.mesh.blocks[self.mesh.top_blocks].ravel()
         places = np.array([assembly.dof(node, direction) for node in moving for direction in (0, 1)])
         return np.asarray(assembly.jumps[:, places] @ self.rigid(moving))
@@ -94,7 +94,7 @@ class BeamedWall:
 
 @dataclass(frozen=True, eq=False)
 class StaticWall(RestoringForce):
-    """Forces of a wall on a rigid beam on its top; displacements are measured from the loaded wall at rest."""
+    """Forces of a wall on a rigid beam on top; displacements are measured from the loaded wall at rest."""
 
     wall: BeamedWall = field(repr=False)
     law: CohesiveLaw  # parameters of the joints; floats, or arrays over runs
@@ -103,28 +103,28 @@ class StaticWall(RestoringForce):
     compliances: list[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # Made here and not where they are needed first, which may be inside a loop: they are the same in all steps.
+        # The compliances are equal in all steps. They are computed here, because the first use may be inside a loop.
         condensed = self.wall.condensed
         weights = [np.broadcast_to(self._weights(epsilon), (len(condensed.squares), self.runs)) for epsilon in PROXIMAL]
         object.__setattr__(self, "compliances", [condensed.compliance(each) for each in weights])
 
     def _weights(self, epsilon: Any) -> Any:
-        """W."""
+        """Return W."""
         return 1.0 / (self.wall.condensed.squares[:, None] + epsilon)
 
     @property
     def dofs(self) -> int:
-        """Number of motions of the beam."""
+        """Number of degrees of freedom of the beam."""
         return BEAM
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Two displacements and a rotation."""
+        """Units of two displacements and a rotation."""
         return ("m", "m", "rad")
 
     @property
     def largest_move(self) -> float:
-        """Friction and damage depend on the path; see `RestoringForce.largest_move`."""
+        """Limit of a move, since friction and damage depend on the path; see `RestoringForce.largest_move`."""
         return self.farthest
 
     # --- inside JAX, for many runs ------------------------------------------------------------------------------
@@ -134,14 +134,14 @@ class StaticWall(RestoringForce):
         return jump_solver(self.wall.condensed, 0.0)
 
     def _at_level(self, values: Any, level: Any) -> Any:
-        """Value of the proximal step that each run takes."""
+        """Return the value that belongs to each run's proximal step."""
         result = values[0]
         for number, value in enumerate(values[1:], start=1):
             result = jnp.where(level == number, value, result)
         return result
 
     def _stepped(self, memory: Any, beam: Any, level: Any) -> tuple[Any, Any, Any]:
-        """One proximal step: forces on the beam, memory, and which runs did not converge; all of shape (…, run)."""
+        """Take one proximal step: return forces on the beam, memory and a mask of unconverged runs, all of shape (…, run)."""
         condensed, runs = self.wall.condensed, beam.shape[1]
         epsilon = self._at_level(PROXIMAL, level)
         weights = self._weights(epsilon)
@@ -159,7 +159,7 @@ class StaticWall(RestoringForce):
         return self.wall.jumps_of_beam.T @ force, after, lost
 
     def _moved(self, memory: Any, beam: Any) -> tuple[Any, Any]:
-        """Forces on the beam at a displacement, and memory, after as many proximal steps as every run needs."""
+        """Return the forces on the beam at a displacement, and the memory, after as many proximal steps as each run needs."""
 
         def step(carried: tuple[Any, ...]) -> tuple[Any, ...]:
             memory, force, level, going, count = carried
@@ -176,9 +176,9 @@ class StaticWall(RestoringForce):
         return force, after | {"stands": after["stands"] & ~going}
 
     def _loaded(self, runs: int) -> Any:
-        """Memory under the vertical load, applied in steps; in each the beam finds its position by Newton iterations.
+        """Return the memory under the vertical load. In each load step, Newton iterations determine the beam's position.
 
-        Both are one loop, so that its code is generated once.
+        Load steps and iterations form one loop, so that its code is generated only once.
         """
         condensed = self.wall.condensed
         steps, load = self.wall.joint_law.load_steps, self.wall.load[:, None]
@@ -204,7 +204,7 @@ class StaticWall(RestoringForce):
         return after | {"rest": beam}
 
     def _with_slopes(self, memory: Any, beam: Any) -> tuple[Any, Any, Any, Any]:
-        """A proximal step with the smallest ε: forces on the beam, their slopes (3, 3, run), memory, and who did not converge.
+        """Take a proximal step with the smallest ε: return beam forces, their slopes (3, 3, run), memory, mask of unconverged runs.
 
         The slopes are Jᵀ G δ̇ with δ̇ = (I + F G)⁻¹ J.
         """
@@ -219,14 +219,14 @@ class StaticWall(RestoringForce):
             columns.append(self.wall.jumps_of_beam.T @ pushed)
         return force, jnp.stack(columns, axis=1), after, lost
 
-    # --- the face -----------------------------------------------------------------------------------------------
+    # --- interface ----------------------------------------------------------------------------------------------
 
     def force_at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
-        """The vertical load; see `RestoringForce.force_at_rest`."""
+        """Return the vertical load; see `RestoringForce.force_at_rest`."""
         return displacement + (self.wall.load if displacement.ndim == 1 else self.wall.load[:, None])
 
     def at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
-        """The loaded wall; see `RestoringForce.at_rest`."""
+        """Return the memory of the loaded wall; see `RestoringForce.at_rest`."""
         if displacement.ndim == 2:
             return self._loaded(displacement.shape[1])
         memory = jax.tree.map(np.asarray, self._compiled_load())
@@ -241,18 +241,18 @@ class StaticWall(RestoringForce):
             return jnp.where(after["stands"], force, jnp.nan), after
         force, after = jax.tree.map(np.asarray, self._compiled_move(memory, memory["rest"] + displacement[:, None]))
         if not after["stands"].all():
-            raise CollapseError(f"its joints find no equilibrium with the beam at {1e3 * displacement[0]:.2f} mm")
+            raise CollapseError(f"no equilibrium was found with the beam at {1e3 * displacement[0]:.2f} mm")
         self._check_support(after["jumps"][:, 0])
         return force[:, 0], after
 
     def _check_support(self, jumps: np.ndarray) -> None:
-        """Raise an error where a bed joint has lost its support."""
+        """Raise an error if a bed joint has lost its support."""
         mesh = self.wall.mesh
         count = 2 * len(mesh.joints)
         lost = (np.stack([jumps[0:count:2], np.abs(jumps[1:count:2])], axis=1) / mesh.support).max(axis=1)
         worst = int(np.argmax(lost))
         if lost[worst] >= 1.0:
-            raise CollapseError(f"the joint {mesh.joints[worst].name} lost what lies on it")
+            raise CollapseError(f"the joint {mesh.joints[worst].name} lost its support")
 
     @cached_property
     def _compiled_move(self) -> Callable[..., Any]:
@@ -272,7 +272,7 @@ class StaticWall(RestoringForce):
 
 
 def _solved_for_three(matrix: Any, right: Any) -> Any:
-    """Solve A x = b by Cramer's rule, A (3, 3, run), b (3, run): it has vector code, which a general solution lacks."""
+    """Solve A x = b, A (3, 3, run), b (3, run), by Cramer's rule, which has vector code, unlike a general solver."""
     a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
     across = _cross(b, c)
     volume = (a * across).sum(axis=0)
@@ -285,5 +285,5 @@ def _solved_for_three(matrix: Any, right: Any) -> Any:
 
 
 def _cross(x: Any, y: Any) -> Any:
-    """X × y, shape (3, run)."""
+    """Return x × y, shape (3, run)."""
     return jnp.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])

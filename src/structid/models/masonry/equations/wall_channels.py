@@ -1,4 +1,4 @@
-"""Channels of a wall in motion: point displacements, base shear, state of the joints, energies."""
+"""Channels of a moving wall: point displacements, base shear, state of the joints, energies."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ CHANNELS = (
     *("drift", "base_shear", "largest_opening", "largest_slip", "largest_penetration", "support_lost", "weakest_joint"),
     *("kinetic_energy", "strain_energy", "joint_energy", "damping_energy", "input_energy", "load_energy"),
 )
-"""Channels besides point displacements."""
+"""Channels other than point displacements."""
 ADDED_UP = ("joint_energy", "damping_energy", "input_energy")
-"""Energies that are sums over all steps."""
+"""Energies that are summed over all steps."""
 _POINT = re.compile(r"u([xy])_(top_left|top_right|node_(\d+))")
 _GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0
 
 
 class Works(NamedTuple):
-    """Accumulated energies [J], each of shape (run,)."""
+    """Accumulated energies [J]; each has shape (run,)."""
 
     joints: Any  # work of the joint forces on their jumps
     damping: Any  # work of the damping forces
@@ -51,9 +51,7 @@ def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...
         if name not in CHANNELS:
             node, _ = point_of(mesh, name)
             if node >= len(mesh.nodes) or node in mesh.fixed:
-                raise InputError(
-                    "MasonryWall.channels", f"'{name}', of a node that does not move or does not exist", allowed
-                )
+                raise InputError("MasonryWall.channels", f"'{name}' belongs to a fixed or missing node", allowed)
     if not names or len(set(names)) < len(names):
         raise InputError("MasonryWall.channels", f"{list(names)}", f"one or more of {allowed}, each once")
     return names
@@ -65,7 +63,7 @@ def is_point(channel: str) -> bool:
 
 
 def point_of(mesh: Mesh, channel: str) -> tuple[int, int]:
-    """Node and direction of a point displacement."""
+    """Return the node and direction of a point displacement."""
     match = _POINT.fullmatch(channel)
     assert match is not None
     node = int(match.group(3)) if match.group(3) else mesh.corner(match.group(2))
@@ -85,7 +83,7 @@ class WallChannels:
     _strain_at_rest: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # Once, before the loop.
+        # These constants are computed once, before the loop.
         start = self.loaded.q
         object.__setattr__(self, "_drift_at_rest", (self._points.dense[-1:] @ start)[0])
         object.__setattr__(self, "_strain_at_rest", self._strain(start, self.condensed.jump_rows @ start))
@@ -97,7 +95,7 @@ class WallChannels:
 
     @cached_property
     def _points(self) -> SparseMatrix:
-        """Displacements of the recorded points in order, and the drift."""
+        """Matrix for the displacements of the recorded points in order, and for the drift."""
         mesh, assembly, rows = self.condensed.assembly.mesh, self.condensed.assembly, []
         for channel in (*(c for c in self.channels if c not in CHANNELS), "ux_top_left"):
             node, direction = point_of(mesh, channel)
@@ -105,15 +103,15 @@ class WallChannels:
         return SparseMatrix(np.array(rows))
 
     def nothing(self, runs: int) -> Works:
-        """Works before the first step."""
+        """Return the works before the first step."""
         return Works(*(jnp.zeros(runs) for _ in Works._fields))
 
     def added(self, works: Works, before: WallState, after: WallState, base: tuple[Any, Any]) -> Works:
         """Add the works of a step.
 
-        That of the joints is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average
-        acceleration the work of the damping forces is Δt vᵀ C v at the mean velocity v, and that of the base −½ (a_g + a_g′) M ι
-        Δu.
+        The work of the joints is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average
+        acceleration the work of the damping forces is Δt vᵀ C v, with the mean velocity v. The work of the base is
+        −½ (a_g + a_g′) M ι Δu.
         """
         c, count = self.condensed, 2 * self.condensed.joints
         move = (after.jumps - before.jumps)[:count]
@@ -142,19 +140,19 @@ class WallChannels:
         return jnp.stack(rows)
 
     def _lost(self, jumps: Any) -> Any:
-        """Lost fraction of the support of each bed joint, shape (joint, run); 1 means all."""
+        """Return the lost fraction of each bed joint's support, shape (joint, run); 1 means complete loss."""
         count, limits = 2 * self.condensed.joints, self.condensed.assembly.mesh.support
         opened, slid = jumps[0:count:2] / limits[:, :1], jnp.abs(jumps[1:count:2]) / limits[:, 1:]
         return jnp.maximum(opened, slid)
 
     def _weakest(self, jumps: Any) -> Any:
-        """Number of the joint that has lost most of its support, shape (run,)."""
+        """Return the number of the joint with the largest lost fraction of support, shape (run,)."""
         lost = self._lost(jumps)
         numbers = jnp.arange(lost.shape[0], dtype=float)[:, None]
         return jnp.max(jnp.where(lost >= jnp.max(lost, axis=0), numbers, 0.0), axis=0)
 
     def _strain(self, q: Any, jumps: Any) -> Any:
-        """Strain energy of blocks and bars, shape (run,)."""
+        """Return the strain energy of blocks and bars, shape (run,)."""
         c = self.condensed
         bars = jnp.sum(c.bars[:, None] * jumps[2 * c.joints :] ** 2, axis=0)
         return 0.5 * (jnp.sum(c.squares[:, None] * q**2, axis=0) + bars)

@@ -1,4 +1,4 @@
-"""The wall in motion: average acceleration with Newton iterations on the jumps of its joints; see `condensed`."""
+"""Motion of a wall: average acceleration with Newton iterations on the jumps of its joints; see `condensed`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from structid.models.masonry.equations.loaded_wall import Loaded
 ITERATIONS = 25
 """Largest number of Newton iterations of a step."""
 TOLERANCE = 1e-13
-"""Convergence: change of a jump [m] relative to one metre and to the largest jump."""
+"""Convergence limit for the change of a jump [m], relative to one metre and to the largest jump."""
 
 
 class WallState(NamedTuple):
@@ -28,8 +28,8 @@ class WallState(NamedTuple):
     q: Any  # modal displacements
     rate: Any  # modal velocities
     acceleration: Any  # modal accelerations
-    jumps: Any  # jumps, also of the two steps before, for the first guess
-    before: Any  # jumps of the step before
+    jumps: Any  # jumps; the first guess uses them and the jumps of the two previous steps
+    before: Any  # jumps of the previous step
     long_before: Any  # jumps two steps before
     jump_rate: Any  # δ′
     memory: Float[Array, "memory joint run"]  # memory of the joints
@@ -37,7 +37,7 @@ class WallState(NamedTuple):
 
 
 class Fixed(NamedTuple):
-    """Constants that are the same in all steps."""
+    """Constants that are equal in all steps."""
 
     law: CohesiveLaw  # parameters of the joints
     compliance: Any  # blocks of F
@@ -49,12 +49,12 @@ class Unknown(NamedTuple):
 
     fixed: Fixed  # constants of all steps
     memory: Float[Array, "memory joint run"]  # memory of the joints
-    free: Float[Array, "jump run"]  # δ_free = V W b, the jumps without forces of the joints
+    free: Float[Array, "jump run"]  # δ_free = V W b, the jumps without joint forces
     before: Float[Array, "jump run"]  # 2/Δt δ₀ + δ₀′
 
 
 def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
-    """State at rest, with the acceleration required by equilibrium under the base's first acceleration."""
+    """Return the state at rest, with the acceleration from equilibrium under the first acceleration of the base."""
     jumps = wall.jump_rows @ loaded.q
     still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
     pushed = jnp.broadcast_to(-wall.inertia[:, None] * base, loaded.q.shape)
@@ -63,9 +63,9 @@ def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
 
 
 def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
-    """Return the step of average acceleration."""
+    """Return the step function of average acceleration."""
     squares, two = wall.squares[:, None], 2.0 / dt
-    own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
+    own_damping = loaded.a_0 + loaded.a_1 * squares  # damping of a block mode, a₀ + a₁ λ
     weights = 1.0 / (two**2 + two * own_damping + squares)
     fixed = Fixed(law, wall.compliance(weights), loaded.a_1 * loaded.tangent)
     solved = jump_solver(wall, two)
@@ -83,7 +83,7 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
         unknown = Unknown(fixed, state.memory, wall.opening.times(weights * pushed), before)
         guess = 3.0 * (state.jumps - state.before) + state.long_before
         jumps, force, going = solved(unknown, lax.stop_gradient(guess), state.converged)
-        # What has not converged is nobody's response.
+        # A step that has not converged gives no response.
         q = jnp.where(going, jnp.nan, weights * (pushed - wall.pushing.times(force)))
         rate = two * (q - state.q) - state.rate
         return WallState(
@@ -104,11 +104,11 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
 def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tuple[Any, Any, Any]]:
     """Return the solver of δ = δ_free − F g(δ), with its forces and the runs that have not converged.
 
-    Its derivatives are those of the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
+    Derivatives follow from the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
     """
 
     def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:
-        """Forces g including the dashpots', and their tangent G."""
+        """Return the forces g including dashpot forces, and their tangent G."""
         fixed = unknown.fixed
         force, tangent = wall.forces(fixed.law, unknown.memory, jumps)
         rate = (two * jumps - unknown.before).reshape(-1, 2, jumps.shape[1])

@@ -1,7 +1,7 @@
 """Matrices of a wall: mass, stiffness of its blocks, jumps of its joints, elongations of its bars, loads.
 
-Forces of joints and bars are formed from their jumps and elongations. Formed as K u, the short bars of 10¹¹ N/m would leave a
-rounding error in the residual that no iteration removes.
+Forces of joints and bars are computed from jumps and elongations. With the product K u, the short bars of 10¹¹ N/m would leave a
+rounding error in the residual that iterations cannot remove.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from structid.models.masonry.finite_elements.mesh import SHORT_BAR, Mesh
 @check_arguments
 @dataclass(frozen=True)
 class Masonry:
-    """What blocks, beam and loads are made of.
+    """Materials of blocks and beam, and loads.
 
     Parameters
     ----------
     modulus, poisson, density : float
-        E [Pa], ν and density [kg/m³] of the blocks. They have no weight.
+        E [Pa], ν and density [kg/m³] of the blocks. The blocks have no weight.
     steel_modulus, steel_area : float
         E [Pa] and area [m²] of the loading beam.
     vertical_load : float
-        On the bays that reach the base, shared by their area [N].
+        Load on the bays that reach the base, divided in proportion to their areas [N].
     upper_mass : float
-        Of the storey above, on the beam [kg].
+        Mass of the storey above, on the beam [kg].
 
     Examples
     --------
@@ -58,21 +58,21 @@ class Masonry:
                 raise InputError(f"Masonry.{name}", f"{getattr(self, name):g}", "a positive number")
         for name in ("vertical_load", "upper_mass"):
             if not getattr(self, name) >= 0.0:
-                raise InputError(f"Masonry.{name}", f"{getattr(self, name):g}", "0 or more")
+                raise InputError(f"Masonry.{name}", f"{getattr(self, name):g}", "a number of 0 or more")
         if not -1.0 < self.poisson < 0.5:
             raise InputError("Masonry.poisson", f"{self.poisson:g}", "a number between -1 and 0.5")
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Matrices over the free degrees of freedom."""
+    """Matrices for the free degrees of freedom."""
 
     mesh: Mesh = field(repr=False)
     masonry: Masonry  # Materials and loads
 
     @cached_property
     def sparse_mass(self) -> scipy.sparse.csr_array:
-        """M, shape (dof, dof) [kg]."""
+        """Mass matrix M, shape (dof, dof) [kg]."""
         beam = np.zeros(2 * len(self.mesh.nodes))
         for node, share in self.beam_shares(everywhere=True):
             beam[2 * node : 2 * node + 2] += self.masonry.upper_mass * share
@@ -82,27 +82,27 @@ class Assembly:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """M as a dense array, shape (dof, dof) [kg]."""
+        """Mass matrix M as a dense array, shape (dof, dof) [kg]."""
         return np.asarray(self.sparse_mass.toarray())
 
     @cached_property
     def sparse_block_stiffness(self) -> scipy.sparse.csr_array:
-        """Stiffness of the blocks alone, shape (dof, dof) [N/m]."""
+        """Stiffness of the blocks only, shape (dof, dof) [N/m]."""
         thickness, m = self.mesh.wall.thickness, self.masonry
         return self._freed(self._of_blocks(lambda corners: block_stiffness(corners, thickness, m.modulus, m.poisson)))
 
     @cached_property
     def block_stiffness(self) -> np.ndarray:
-        """The same as a dense array, shape (dof, dof) [N/m]."""
+        """Stiffness of the blocks as a dense array, shape (dof, dof) [N/m]."""
         return np.asarray(self.sparse_block_stiffness.toarray())
 
     @cached_property
     def sparse_jumps(self) -> scipy.sparse.csr_array:
-        """Rows that give opening and slip of every joint, (Δ_n, Δ_t) one after the other, shape (2 joint, dof)."""
+        """Rows for the opening and slip (Δ_n, Δ_t) of each joint in turn, shape (2 joint, dof)."""
         rows, columns, values = [], [], []
         for number, joint in enumerate(self.mesh.joints):
             n_x, n_y = joint.normal
-            # The tangent is horizontal where the normal is vertical, and vertical where it is horizontal.
+            # A vertical normal has a horizontal tangent, and a horizontal normal a vertical tangent.
             for row, direction in ((2 * number, (n_x, n_y)), (2 * number + 1, (n_y, n_x))):
                 for nodes, sign in ((joint.upper, 1.0), (joint.lower, -1.0)):
                     for node, weight in zip(nodes, joint.weights, strict=True):
@@ -114,7 +114,7 @@ class Assembly:
 
     @cached_property
     def jumps(self) -> np.ndarray:
-        """The same as a dense array, shape (2 joint, dof)."""
+        """Jump rows as a dense array, shape (2 joint, dof)."""
         return np.asarray(self.sparse_jumps.toarray())
 
     @cached_property
@@ -124,7 +124,7 @@ class Assembly:
 
     @cached_property
     def sparse_elongations(self) -> scipy.sparse.csr_array:
-        """Rows that give the elongation of every bar, shape (bar, dof). All bars are horizontal."""
+        """Rows for the elongation of every bar, shape (bar, dof). All bars are horizontal."""
         rows = np.repeat(np.arange(len(self.mesh.bars)), 2)
         return self._columns(
             rows, 2 * self.mesh.bars.ravel(), np.tile([-1.0, 1.0], len(self.mesh.bars)), len(self.mesh.bars)
@@ -132,12 +132,12 @@ class Assembly:
 
     @cached_property
     def elongations(self) -> np.ndarray:
-        """The same as a dense array, shape (bar, dof)."""
+        """Elongation rows as a dense array, shape (bar, dof)."""
         return np.asarray(self.sparse_elongations.toarray())
 
     @cached_property
     def bar_stiffness(self) -> np.ndarray:
-        """E A / L of every bar, shape (bar,) [N/m]."""
+        """Stiffness E A / L of every bar, shape (bar,) [N/m]."""
         return np.asarray(self.masonry.steel_modulus * self.masonry.steel_area / self.mesh.bar_lengths)
 
     @cached_property
@@ -150,20 +150,20 @@ class Assembly:
 
     @cached_property
     def horizontal(self) -> np.ndarray:
-        """ι for a horizontal motion of the base: one for every horizontal degree of freedom, shape (dof,)."""
+        """Influence vector ι of horizontal base motion: one for every horizontal degree of freedom, shape (dof,)."""
         return np.asarray((self.mesh.free % 2 == 0).astype(np.float64))
 
     @cached_property
     def short_bars(self) -> np.ndarray:
-        """Which bars connect two blocks, shape (bar,)."""
+        """Mask of the bars that connect two blocks, shape (bar,)."""
         return np.asarray(self.mesh.bar_lengths == SHORT_BAR)
 
     def dof(self, node: int, direction: int) -> int:
-        """Index of a degree of freedom among the free ones."""
+        """Return the index of a degree of freedom among the free degrees of freedom."""
         return int(np.searchsorted(self.mesh.free, 2 * node + direction))
 
     def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
-        """Nodes of the beam with their tributary fractions, half of a block's to each end."""
+        """Return the nodes of the beam with their tributary fractions; each end of a block gets half of its fraction."""
         mesh, shares = self.mesh, []
         standing = [(mesh.nodes[b[0], 0], mesh.nodes[b[1], 0]) for b in mesh.blocks if mesh.nodes[b[0], 1] == 0.0]
         for block in mesh.top_blocks:
@@ -176,7 +176,7 @@ class Assembly:
         return [(node, share / total) for node, share in shares]
 
     def _of_blocks(self, of_one: Callable[[np.ndarray], np.ndarray]) -> scipy.sparse.csr_array:
-        """Sum of the blocks' matrices over all degrees of freedom."""
+        """Assemble the matrices of the blocks over all degrees of freedom."""
         dofs = np.stack([2 * self.mesh.blocks, 2 * self.mesh.blocks + 1], axis=-1).reshape(len(self.mesh.blocks), 8)
         values = np.array([of_one(self.mesh.nodes[nodes]) for nodes in self.mesh.blocks])
         places = np.repeat(dofs, 8, axis=1).ravel(), np.tile(dofs, (1, 8)).ravel()
@@ -184,7 +184,7 @@ class Assembly:
         return scipy.sparse.csr_array((values.ravel(), places), shape=(size, size))
 
     def _columns(self, rows: Any, columns: Any, values: Any, count: int) -> scipy.sparse.csr_array:
-        """Rows over the free degrees of freedom."""
+        """Return a sparse matrix, restricted to the free degrees of freedom."""
         full = scipy.sparse.csr_array((values, (rows, columns)), shape=(count, 2 * len(self.mesh.nodes)))
         return scipy.sparse.csr_array(full[:, self.mesh.free])
 

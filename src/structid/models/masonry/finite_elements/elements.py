@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
-"""Points of the two-point rule, with unit weights."""
+"""Points of the two-point Gauss rule, with unit weights."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 """Natural coordinates of the nodes."""
 
 
 def shape_functions(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bilinear shape functions N_i = ¼ (1 + r_i r)(1 + s_i s) and their derivatives."""
+    """Return the bilinear shape functions N_i = ¼ (1 + r_i r)(1 + s_i s) and their derivatives."""
     r_i, s_i = CORNERS.T
     values = 0.25 * (1.0 + r_i * r) * (1.0 + s_i * s)
     slopes = 0.25 * np.array([r_i * (1.0 + s_i * s), s_i * (1.0 + r_i * r)])
@@ -23,7 +23,7 @@ def shape_functions(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def strain_matrix(corners: Float[np.ndarray, "4 2"], r: float, s: float) -> tuple[np.ndarray, float]:
-    """Matrix B of the strains ε = (ε_x, ε_y, γ_xy) = B u at a point."""
+    """Return the matrix B of the strains ε = (ε_x, ε_y, γ_xy) = B u at a point."""
     _, slopes = shape_functions(r, s)
     jacobian = slopes @ corners
     d_x, d_y = np.linalg.solve(jacobian, slopes)
@@ -33,7 +33,7 @@ def strain_matrix(corners: Float[np.ndarray, "4 2"], r: float, s: float) -> tupl
 
 
 def plane_stress(modulus: float, poisson: float) -> Float[np.ndarray, "3 3"]:
-    """Matrix D of σ = D ε in plane stress."""
+    """Return the matrix D of σ = D ε in plane stress."""
     d = np.array([[1.0, poisson, 0.0], [poisson, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - poisson)]])
     return np.asarray(modulus / (1.0 - poisson**2) * d)
 
@@ -41,7 +41,7 @@ def plane_stress(modulus: float, poisson: float) -> Float[np.ndarray, "3 3"]:
 def block_stiffness(
     corners: Float[np.ndarray, "4 2"], thickness: float, modulus: float, poisson: float
 ) -> Float[np.ndarray, "8 8"]:
-    """K = t ∫ Bᵀ D B dA."""
+    """Return the stiffness matrix K = t ∫ Bᵀ D B dA."""
     material, k = plane_stress(modulus, poisson), np.zeros((8, 8))
     for r in GAUSS:
         for s in GAUSS:
@@ -51,7 +51,7 @@ def block_stiffness(
 
 
 def block_mass(corners: Float[np.ndarray, "4 2"], thickness: float, density: float) -> Float[np.ndarray, "8 8"]:
-    """Consistent mass, M = ρ t ∫ Nᵀ N dA."""
+    """Return the consistent mass matrix M = ρ t ∫ Nᵀ N dA."""
     m = np.zeros((8, 8))
     for r in GAUSS:
         for s in GAUSS:

@@ -1,4 +1,4 @@
-"""Layout of a wall: bays between openings, courses in each bay, lines on which blocks meet."""
+"""Layout of a wall: bays between openings, courses in each bay, and lines on which blocks meet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 TOLERANCE = 1e-9
-"""Lengths [m] that differ by less are equal."""
+"""Tolerance below which two lengths [m] are equal."""
 
 
 @check_arguments
@@ -24,9 +24,9 @@ class Opening:
     Parameters
     ----------
     left, bottom : float
-        Of its lower left corner [m].
+        Coordinates of the lower left corner [m].
     width, height : float
-        [m].
+        Dimensions [m].
 
     Examples
     --------
@@ -48,7 +48,7 @@ class Opening:
 
     @property
     def top(self) -> float:
-        """Lintel [m]."""
+        """Height of the lintel [m]."""
         return self.bottom + self.height
 
     def holds(self, x: float, y: float) -> bool:
@@ -57,12 +57,12 @@ class Opening:
         Parameters
         ----------
         x, y : float
-            The point [m].
+            Coordinates of the point [m].
 
         Returns
         -------
         bool
-            False on its edges.
+            True inside the opening; False on its edges.
         """
         return self.left + TOLERANCE < x < self.right - TOLERANCE and self.bottom + TOLERANCE < y < self.top - TOLERANCE
 
@@ -81,7 +81,7 @@ class Block(NamedTuple):
     bottom: float  # lower edge
     right: float  # right edge
     top: float  # upper edge
-    name: str  # its location
+    name: str  # location of the block
 
 
 @check_arguments
@@ -89,22 +89,22 @@ class Block(NamedTuple):
 class Wall:
     """A wall with openings, laid in courses.
 
-    Edges and middles of the openings cut the wall into columns, their sills and lintels into zones. In a zone every run of columns
-    that no opening interrupts is a bay. A bay has courses of equal height, and every course a block for each column.
+    The edges and middles of the openings divide the wall into columns; sills and lintels divide it into zones. In a zone, adjacent
+    columns without an opening between them form a bay. A bay has courses of equal height; a course has one block per column.
 
     Parameters
     ----------
     width, height, thickness : float
-        [m].
+        Dimensions of the wall [m].
     openings : sequence of Opening
-        Doors and windows; the source's door when left out.
+        Doors and windows; by default the door of the thesis.
     courses : sequence of int or of sequence of int, optional
-        For every zone from below the number of courses: one for all of its bays, or one for each from the left. By default as
-        many as make them `course_height` high.
+        Number of courses for every zone from the bottom: one number for all bays, or one for each bay from the left. By
+        default each course is `course_height` high.
     course_height : float
-        Height of a course [m] where `courses` is left out; every zone must be a whole number of them.
+        Height of a course [m] if `courses` is not given; it must divide the height of every zone.
     block_length : float, optional
-        Longest block [m]; longer columns are cut into equal parts.
+        Maximum length of a block [m]; longer columns are divided into equal parts.
 
     Examples
     --------
@@ -143,7 +143,7 @@ class Wall:
             raise InputError("Wall.openings", f"{opening}", "an opening with a positive width and height")
         inside = opening.left >= 0.0 and opening.right <= self.width and opening.bottom >= 0.0
         if not (inside and opening.top <= self.height) or opening.width >= self.width - TOLERANCE:
-            cure = f"The wall is {self.width:g} m wide and {self.height:g} m high."
+            cure = f"Move it into the wall, which is {self.width:g} m wide and {self.height:g} m high."
             raise InputError("Wall.openings", f"{opening} does not fit", "openings inside the wall", cure)
         for other in others:
             beside_each_other = opening.right <= other.left + TOLERANCE or other.right <= opening.left + TOLERANCE
@@ -153,12 +153,12 @@ class Wall:
 
     @property
     def zones(self) -> list[tuple[float, float]]:
-        """Bottom and top [m] of the zones between sills and lintels, from below."""
+        """Bottom and top [m] of the zones between sills and lintels, from the bottom up."""
         return list(pairwise(_distinct([0.0, self.height, *(y for o in self.openings for y in (o.bottom, o.top))])))
 
     @property
     def columns(self) -> list[tuple[float, float]]:
-        """Left and right ends [m] of the columns between edges and middles of openings, divided to `block_length`."""
+        """Left and right ends [m] of the columns between edges and middles of openings, divided according to `block_length`."""
         edges = [x for o in self.openings for x in (o.left, 0.5 * (o.left + o.right), o.right)]
         lines = [0.0, self.width]
         for left, right in pairwise(_distinct([*lines, *edges])):
@@ -167,17 +167,17 @@ class Wall:
         return list(pairwise(_distinct(lines)))
 
     def bays(self, zone: int) -> list[list[tuple[float, float]]]:
-        """Runs of columns that no opening interrupts.
+        """Return the bays of a zone: adjacent columns without an opening between them.
 
         Parameters
         ----------
         zone : int
-            Its number from below, from 0.
+            Index of the zone from the bottom, counted from 0.
 
         Returns
         -------
         list of list of tuple of float
-            The columns of every bay, from the left.
+            Columns of every bay, from left to right.
         """
         bays: list[list[tuple[float, float]]] = []
         middle, open_before = 0.5 * sum(self.zones[zone]), True
@@ -190,28 +190,28 @@ class Wall:
         return bays
 
     def _courses_of(self, zone: int) -> list[int]:
-        """Number of courses of every bay of a zone."""
+        """Return the number of courses in every bay of a zone."""
         (bottom, top), bays = self.zones[zone], len(self.bays(zone))
         if self.courses is None:
             count = (top - bottom) / self.course_height
             if abs(count - round(count)) > 1e-6 or round(count) < 1:
                 raise InputError(
                     "Wall.course_height",
-                    f"{self.course_height:g} m: a course does not meet {top:g} m, {count:.2f} courses from {bottom:g} m",
+                    f"{self.course_height:g} m does not fit: the zone from {bottom:g} to {top:g} m would have {count:.2f} courses",
                     "a height that divides every zone between sills and lintels",
-                    "Or give the courses of each zone: Wall(courses=((4, 3), 2)).",
+                    "Change the height, or give the courses of each zone: Wall(courses=((4, 3), 2)).",
                 )
             return [round(count)] * bays
         given = self.courses[zone]
         numbers = [given] * bays if isinstance(given, (int, np.integer)) else list(np.atleast_1d(given))
         if len(numbers) != bays or any(not isinstance(n, (int, np.integer)) or n < 1 for n in numbers):
-            allowed = f"a whole number from 1, or {bays} of them: so many bays lie between {bottom:g} and {top:g} m"
+            allowed = f"one whole number from 1, or one for each of the {bays} bays from {bottom:g} to {top:g} m"
             raise InputError("Wall.courses", f"{given!r} in zone {zone + 1}", allowed)
         return [int(n) for n in numbers]
 
     @property
     def blocks(self) -> list[Block]:
-        """All blocks: by zone from below, by bay from the left, by course, by block."""
+        """All blocks, sorted by zone from the bottom, bay from the left, course and position."""
         blocks = []
         for zone, (bottom, top) in enumerate(self.zones):
             for bay, (columns, count) in enumerate(zip(self.bays(zone), self._courses_of(zone), strict=True), start=1):
@@ -226,7 +226,7 @@ class Wall:
 
 
 def _distinct(values: Sequence[float]) -> list[float]:
-    """Sorted values without duplicates, within rounding."""
+    """Return sorted values without duplicates, up to rounding."""
     ordered = np.sort(np.array(values))
     return [float(v) for v in ordered[np.concatenate([[True], np.diff(ordered) > TOLERANCE])]]
 

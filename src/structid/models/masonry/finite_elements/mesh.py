@@ -17,43 +17,43 @@ SHORT_BAR = 0.02
 
 
 class Joint(NamedTuple):
-    """A point at which two faces of blocks touch."""
+    """A point at which the faces of two blocks touch."""
 
-    # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
+    # End nodes of the face of the lower or left block; −1 is the ground
     lower: tuple[int, int]
-    # The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground
+    # End nodes of the face of the upper or right block; −1 is the ground
     upper: tuple[int, int]
-    weights: tuple[float, float]  # weights of the two ends in the displacement of the point
-    normal: tuple[float, float]  # from the lower to the upper block, or from the left to the right one
-    area: float  # [m²]
+    weights: tuple[float, float]  # weights of the end nodes in the displacement of the point
+    normal: tuple[float, float]  # direction from the lower to the upper block, or from the left to the right block
+    area: float  # area [m²]
     place: tuple[float, float]  # coordinates [m]
-    name: str  # Such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``
+    name: str  # location, such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A wall as arrays."""
+    """The mesh of a wall as arrays."""
 
-    wall: Wall  # the wall it was made from
-    nodes: Float[np.ndarray, "node 2"] = field(repr=False)  # coordinates [m]; each block has its own four
+    wall: Wall  # wall of the mesh
+    nodes: Float[np.ndarray, "node 2"] = field(repr=False)  # coordinates [m]; each block has four separate nodes
     blocks: Int[np.ndarray, "block 4"] = field(repr=False)  # nodes of every block, counterclockwise from the lower left
     block_names: tuple[str, ...] = field(repr=False)  # locations of the blocks
     joints: tuple[Joint, ...] = field(repr=False)
-    bars: Int[np.ndarray, "bar 2"] = field(repr=False)  # Nodes of the loading beam's bars, from the left
-    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)  # [m]; `SHORT_BAR` where both nodes coincide
+    bars: Int[np.ndarray, "bar 2"] = field(repr=False)  # End nodes of the loading beam's bars, from left to right
+    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)  # lengths [m]; `SHORT_BAR` if both nodes coincide
     fixed: Int[np.ndarray, " fixed"] = field(repr=False)  # fixed nodes
 
     @property
     def free(self) -> np.ndarray:
-        """Free degrees of freedom: 2 i is the horizontal one of node i, 2 i + 1 the vertical one."""
+        """Free degrees of freedom: node i has the number 2 i horizontally and 2 i + 1 vertically."""
         return np.setdiff1d(np.arange(2 * len(self.nodes)), np.concatenate([2 * self.fixed, 2 * self.fixed + 1]))
 
     @property
     def support(self) -> np.ndarray:
         """Opening and slip [m] at which each joint loses its support, shape (joint, 2).
 
-        A bed joint loses it when it slides by half its length or opens by half the block on it. A joint between neighbours
-        supports nothing, so that its limits are infinite.
+        A bed joint loses its support if it slides by half its length or opens by half the height of the block above. A joint
+        between neighbours in a course supports nothing, so its limits are infinite.
         """
         support = np.full((len(self.joints), 2), np.inf)
         for number, joint in enumerate(self.joints):
@@ -64,13 +64,13 @@ class Mesh:
 
     @property
     def top_blocks(self) -> np.ndarray:
-        """Blocks under the beam, from the left."""
+        """Blocks under the beam, from left to right."""
         tops = self.nodes[self.blocks[:, 2], 1]
         top = np.flatnonzero(tops > self.wall.height - TOLERANCE)
         return np.asarray(top[np.argsort(self.nodes[self.blocks[top, 0], 0])])
 
     def corner(self, name: str) -> int:
-        """Find a node on the top."""
+        """Find the node at a top corner of the wall."""
         check_choice("Mesh.corner", name, ("top_left", "top_right"))
         blocks = self.blocks[self.top_blocks]
         return int(blocks[0, 3] if name == "top_left" else blocks[-1, 2])
@@ -98,7 +98,7 @@ def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) ->
 
 
 def _joints(blocks: list[Block], numbers: np.ndarray, thickness: float, points: str, base_joint: bool) -> list[Joint]:
-    """Two joints on every line on which two blocks touch."""
+    """Return the joints: two on every line on which two blocks touch."""
     joints: list[Joint] = []
     for i, one in enumerate(blocks):
         if base_joint and one.bottom < TOLERANCE:
@@ -146,7 +146,7 @@ def _same(a: float, b: float) -> bool:
 
 
 def _bars(blocks: list[Block], numbers: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """The beam: a bar between neighbouring nodes of the top."""
+    """Return the bars of the beam, which connect neighbouring nodes of the top."""
     top = sorted((i for i, b in enumerate(blocks) if _same(b.top, height)), key=lambda i: blocks[i].left)
     row = [int(n) for i in top for n in (numbers[i, 3], numbers[i, 2])]
     places = [x for i in top for x in (blocks[i].left, blocks[i].right)]
@@ -155,7 +155,7 @@ def _bars(blocks: list[Block], numbers: np.ndarray, height: float) -> tuple[np.n
 
 
 def _check_supported(blocks: list[Block], joints: list[Joint]) -> None:
-    """Refuse a block without a chain of joints to the base."""
+    """Refuse a block that is not connected to the base by a chain of joints."""
     touching: dict[int, set[int]] = {i: set() for i in range(len(blocks))}
     for joint in joints:
         one, other = (face[0] // 4 if face[0] >= 0 else None for face in (joint.lower, joint.upper))
@@ -170,5 +170,5 @@ def _check_supported(blocks: list[Block], joints: list[Joint]) -> None:
     lost = [b.name for i, b in enumerate(blocks) if i not in reached]
     if lost:
         raise InputError(
-            "Wall", f"nothing supports {'; '.join(lost[:3])}", "blocks that rest on one another down to the base"
+            "Wall", f"nothing supports {'; '.join(lost[:3])}", "blocks supported by other blocks down to the base"
         )

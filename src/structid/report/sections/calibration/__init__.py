@@ -1,1 +1,1 @@
-"""Sections of a calibration's page, one file each."""
+"""Sections of a calibration's page, one file per section."""

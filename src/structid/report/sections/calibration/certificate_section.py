@@ -1,4 +1,4 @@
-"""The certificate of a calibration: limits, bounds, shifts by model runs, rounds."""
+"""The certificate of a calibration: limits, error bounds, shifts of the means by re-weighting, rounds."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     heads = [
         "round",
         "training runs",
-        "surrogate's error, all runs",
-        "sure up to",
-        "log density unsure by [nat]",
+        "surrogate error, all runs",
+        "exponent of likelihood",
+        "sd of log density [nat]",
         "fresh draws",
-        "spread of log w",
-        "by a certificate",
+        "sd of log weights",
+        "certificate",
     ]
     return [
         what_was_asked(certificate),
@@ -34,23 +34,23 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def what_was_asked(certificate: Certificate) -> Table:
-    """Figures of a certificate with their limits."""
-    return Table("What was asked for", (["", "found", "limit"], _asked(certificate)))
+    """Table of the quantities that a certificate limits."""
+    return Table("Limits", (["", "value", "limit"], _asked(certificate)))
 
 
 def what_was_bounded(certificate: Certificate) -> Table:
-    """Bounds of every parameter's moments."""
-    by_chance = [] if certificate.monte_carlo is None else ["of this by the number of draws [sd]"]
-    heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "mean moves by [sd]"]
+    """Table of the error bounds for the moments of each parameter."""
+    by_chance = [] if certificate.monte_carlo is None else ["Monte Carlo part [sd]"]
+    heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "estimated shift of mean [sd]"]
     return Table(
-        "How far the figures of each parameter may be off, with "
-        f"{100.0 * certificate.limits.confidence:.0f} % confidence, and how far the draws of the certificate say they are",
+        "Error bounds for each parameter, with "
+        f"{100.0 * certificate.limits.confidence:.0f} % confidence, and the shift of the mean by the weights of the draws",
         (heads, _bounds(certificate)),
     )
 
 
 def _second_explorer(found: Representation | None) -> list[Table]:
-    """Agreement of a second sampler with the draws."""
+    """Tables of the agreement between the draws and a second sampler."""
     if found is None:
         return []
     moments = zip(found.names, found.mean_gap, found.mean_error, found.sd_gap, found.sd_error, strict=True)
@@ -60,8 +60,8 @@ def _second_explorer(found: Representation | None) -> list[Table]:
     ]
     tables = [
         Table(
-            "A second explorer of the surrogate's posterior: it searches for modes and begins at all of them evenly",
-            (["", "its mean lies at [sd]", "its sd is larger by"], rows),
+            "Second sampler of the surrogate's posterior, relative to the draws. It searches for modes and starts evenly in all",
+            (["", "difference of means [sd]", "difference of sds"], rows),
         )
     ]
     if len(found.modes) > 1:
@@ -70,23 +70,23 @@ def _second_explorer(found: Representation | None) -> list[Table]:
             [str(mode), f"{first_share:.2f}", f"{again:.2f}"]
             for mode, (first_share, again) in enumerate(shares, start=1)
         ]
-        tables.append(Table("Shares of the modes", (["mode", "of the draws", "of the second explorer's"], rows)))
+        tables.append(Table("Probabilities of the modes", (["mode", "draws", "second sampler"], rows)))
     return tables
 
 
 def _asked(certificate: Certificate) -> list[list[str]]:
-    """Figures of a certificate with their limits."""
+    """Rows of the quantities that a certificate limits."""
     limits, variation = certificate.limits, certificate.variation
     of_weights = [
-        f"variation χ of the weights, bounded with {100 * variation.confidence:.3g} % confidence (look {certificate.look})",
+        f"variation χ of the weights, with {100 * variation.confidence:.3g} % confidence (attempt {certificate.look})",
         f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
         f"{limits.mean:.2g} or less",
     ]
     excluded = [
         [
-            "share of the posterior that may lie where the given density is zero",
+            "fraction of the posterior that may lie where the given density is zero",
             f"{certificate.missing:.2%}",
-            "in the bounds",
+            "included in the bounds",
         ]
     ]
     rows = [of_weights, *(excluded if certificate.missing else [])]
@@ -95,12 +95,12 @@ def _asked(certificate: Certificate) -> list[list[str]]:
     return [
         *rows,
         [
-            f"density missed at {certificate.within_reach} model runs within {limits.reach:g} nats of the best",
+            f"log density missed at {certificate.within_reach} model runs within {limits.reach:g} nats of the best run",
             f"{max(certificate.excess, 0.0):.2f} nats",
             f"{limits.excess:g} nats or less",
         ],
         [
-            "density of the best model run above every draw",
+            "log density of the best model run minus that of the best draw",
             f"{max(certificate.above, 0.0):.2f} nats",
             f"{limits.above:g} nats or less",
         ],
@@ -108,7 +108,7 @@ def _asked(certificate: Certificate) -> list[list[str]]:
 
 
 def _bounds(certificate: Certificate) -> list[list[str]]:
-    """Bounds of every parameter's moments, and of its correlations with the others."""
+    """Rows of the error bounds for the moments and the correlations of each parameter."""
     chance = certificate.monte_carlo
     by_chance = [[] for _ in certificate.names] if chance is None else [[f"{mean:.2g}"] for mean in chance.mean]
     figures = (
@@ -133,7 +133,7 @@ def _round(r: Round) -> list[str]:
         f"{r.error:.1e}",
         f"{r.exponent:.2g}",
         f"{r.deviation:.2g}",
-        "the same, left out in turn" if r.again else str(r.fresh),
+        "same draws, cross-validated" if r.again else str(r.fresh),
         f"{r.spread:.2g}" if r.fresh else "",
         verdict,
     ]
@@ -152,10 +152,10 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
         )
         return Picture(
             "rounds",
-            "Every point is a draw of a surrogate's posterior at which the model itself was run: how much more density the "
-            "model gives it than the surrogate, relative to the median of its round. Where the two posteriors are the same, "
-            "all lie on zero; the band is the largest standard deviation that a certificate allows. Rounds without points came "
-            "before the surrogate was sure of its posterior.",
+            "Each point is a draw of a surrogate's posterior at which the model was run. The ordinate is the log density of the "
+            "model minus that of the surrogate, relative to the median of the round. If the two posteriors are equal, all points "
+            "lie on zero. The band shows the largest standard deviation that a certificate allows. In rounds without points, the "
+            "surrogate was not yet accurate enough to draw from its posterior.",
             figure,
         )
 

@@ -12,15 +12,15 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 
 
 def _diagnostics(material: PosteriorMaterial) -> Rows:
-    """R-hat, effective sample sizes and autocorrelation time of every parameter."""
+    """R-hat, effective sample sizes (ESS) and autocorrelation time of each parameter."""
     verdict = material.result.verdict()
     heads = [
         "parameter",
         f"R-hat (below {R_HAT_LIMIT})",
-        f"ESS bulk ({EFFECTIVE_SIZE_LIMIT} or more)",
-        "ESS tail (the same)",
-        "τ [steps]",
-        f"kept steps / τ ({verdict.needed_length:g} or more)",
+        f"bulk ESS (at least {EFFECTIVE_SIZE_LIMIT})",
+        f"tail ESS (at least {EFFECTIVE_SIZE_LIMIT})",
+        "autocorrelation time τ [steps]",
+        f"kept steps / τ (at least {verdict.needed_length:g})",
     ]
     rows = [
         [
@@ -37,7 +37,7 @@ def _diagnostics(material: PosteriorMaterial) -> Rows:
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
-    return [Table("Diagnostics", _diagnostics(material))]
+    return [Table("Convergence diagnostics (ESS: effective sample size)", _diagnostics(material))]
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
@@ -53,7 +53,7 @@ def _traces(material: PosteriorMaterial) -> Picture:
 
 def _acceptance(material: PosteriorMaterial) -> Picture:
     figure = figures.acceptance(material.result.verdict().acceptance)
-    return Picture("acceptance", "Acceptance rate of every walker; dotted: median.", figure)
+    return Picture("acceptance", "Acceptance rate of each walker; dotted: median.", figure)
 
 
 SECTION = Section("convergence", "Convergence", _drawings, _tables)

@@ -1,4 +1,4 @@
-"""Deterministic calibration beside the Bayesian one."""
+"""Deterministic calibration, compared with the Bayesian calibration."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Ta
 from structid.report.tables import percent
 
 FURTHER, NOTICED = 2.0, 0.02
-"""Ratio of the MAP's residual to that of least squares, and residual fraction of the variance, above which the page explains
-the difference."""
+"""Thresholds above which the page explains why the MAP fits worse than least squares: ratio of the two residuals, and residual
+of the MAP as a fraction of the measured variance."""
 
 
 def _searches(material: PosteriorMaterial) -> Searches:
@@ -24,15 +24,16 @@ def _searches(material: PosteriorMaterial) -> Searches:
 
 
 def _at_zero(value: float) -> str:
-    """Show a parameter at a bound of zero, up to rounding, as zero."""
+    """Format a parameter; a value within rounding error of zero is shown as zero."""
     return "0" if abs(value) < 1e-12 else f"{value:.5g}"
 
 
 def _minima(material: PosteriorMaterial) -> Rows:
-    """Deterministic minima beside the Bayesian MAP and mean, in display units."""
+    """Deterministic minima, and the Bayesian MAP and mean, in display units."""
     names = material.posterior.model_space.names
     factors, units = material.posterior.model_space.factors, material.posterior.model_space.units
-    heads = ["method", *(label(pretty(n), pretty_unit(units[n])) for n in names), "unexplained", "starts", "at a bound"]
+    columns = (label(pretty(n), pretty_unit(units[n])) for n in names)
+    heads = ["method", *columns, "unexplained variance", "starts", "at a bound"]
     rows = []
     for method, search in _searches(material).items():
         for minimum in search.minima[:4]:
@@ -53,7 +54,7 @@ def _minima(material: PosteriorMaterial) -> Rows:
 
 
 def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
-    """Fraction of the measurement's variance left by MAP and mean, in the least-squares sense; each simulated once per page."""
+    """Residual variance of the MAP and of the mean, as fractions of the measured variance; simulated once per page."""
     key = "what MAP and mean leave"
     if key not in material.shared:
         misfit, size = material.posterior.misfit, material.posterior.model_space.dimension
@@ -64,7 +65,7 @@ def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
-    """Why the MAP may fit worse than least squares."""
+    """Explain why the MAP fits worse than least squares, if it does."""
     if not _searches(material):
         return []
     least = min(search.best.value / search.scale for search in _searches(material).values())
@@ -72,10 +73,10 @@ def _words(material: PosteriorMaterial) -> list[str]:
     if of_map < max(FURTHER * least, NOTICED):
         return []
     return [
-        f"Least squares leave {percent(least)} of the measured variance, the MAP {percent(of_map)}. Least squares seek the nearest "
-        "history, and know neither priors nor the error model. Under errors that are correlated, a long deviation costs "
-        "little; so the posterior lets the model be further away, and calls the rest an error. Where they differ this much, look "
-        "at what the model lacks."
+        f"Least squares leave {percent(least)} of the measured variance unexplained, the MAP {percent(of_map)}. Least squares "
+        "minimise the residual, without priors or an error model. With correlated errors, a slowly varying deviation reduces the "
+        "likelihood only a little. The posterior then accepts a larger residual as error. A difference as large as this one "
+        "suggests that the model lacks some behaviour of the structure."
     ]
 
 
@@ -117,13 +118,13 @@ def _identified(material: PosteriorMaterial) -> Picture:
         unit,
     )
     of = f" of {spring}" if spring else ""
-    caption = f"Deterministic calibration: loops{of} and {channel} on {observation.record.name}."
+    caption = f"Deterministic calibration: loops{of} and {channel} for {observation.record.name}."
     return Picture("identified", caption, figure)
 
 
 SECTION = Section(
     "deterministic",
-    "Deterministic calibration beside it",
+    "Deterministic calibration for comparison",
     _drawings,
     _tables,
     _words,

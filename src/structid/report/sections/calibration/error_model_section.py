@@ -14,11 +14,11 @@ def _words(material: PosteriorMaterial) -> list[str]:
         sentences.append(choice.sentence)
     elif material.left_to_the_data:
         sentences.append(
-            "Independent errors are assumed. To choose an error model by its evidence would take tens of thousands of "
-            "runs of this solver: a surrogate makes that possible."
+            "Independent errors are assumed. The choice of an error model by evidence needs tens of thousands of model runs, which "
+            "are too expensive with this solver. Use a surrogate for this choice."
         )
     else:
-        sentences.append(f"The error model: {material.posterior.error_model.describe()['kind'].replace('_', ' ')}.")
+        sentences.append(f"Error model: {material.posterior.error_model.describe()['kind'].replace('_', ' ')}.")
     drift_is_in_the_choice = choice is not None and choice.posterior.error_model.inside
     if drift is not None and drift.found and not drift_is_in_the_choice:
         sentences.append(drift.sentence(material.result.mean))
@@ -39,9 +39,8 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         ]
         for index, (error_model, e) in enumerate(zip(choice.error_models, choice.evidences, strict=True))
     ]
-    return [
-        Table("Error models, each with the same model", (["error model", "log evidence", "to the largest", ""], rows))
-    ]
+    heads = ["error model", "log evidence", "difference from the largest", ""]
+    return [Table("Error models, with the same model", (heads, rows))]
 
 
 SECTION = Section("error-model", "Error model", nothing, _tables, _words)

@@ -14,15 +14,15 @@ from structid.report.sections.calibration.certificate_section import what_was_as
 
 def _tables(material: CertificateMaterial) -> list[Table]:
     certificate = material.certificate
-    return [what_was_asked(certificate), what_was_bounded(certificate), *_what_was_taught(certificate)]
+    return [what_was_asked(certificate), what_was_bounded(certificate), *_correction(certificate)]
 
 
-def _what_was_taught(certificate: Certificate) -> list[Table]:
-    """Difference of the draws' density from the one learnt from model runs."""
-    taught = certificate.correction
-    if taught is None:
+def _correction(certificate: Certificate) -> list[Table]:
+    """Table of the differences between the density fitted to the model runs and the density of the draws."""
+    density = certificate.correction
+    if density is None:
         return []
-    moments = zip(certificate.names, taught.mean, taught.mean_error, taught.sd, taught.correlation, strict=True)
+    moments = zip(certificate.names, density.mean, density.mean_error, density.sd, density.correlation, strict=True)
     rows = [
         [
             pretty(name),
@@ -33,14 +33,15 @@ def _what_was_taught(certificate: Certificate) -> list[Table]:
         for name, mean, error, sd, correlations in moments
     ]
     title = (
-        "The density fitted to the runs, beside that of the draws: they differ in "
-        f"{100.0 * taught.distance:.1f} % of the probability. The bounds above reckon with it"
+        "The density fitted to the model runs, relative to the density of the draws. The two differ in "
+        f"{100.0 * density.distance:.1f} % of the probability, and the bounds above allow for this"
     )
-    return [Table(title, (["", "its mean lies at [sd]", "its sd is larger by", "correlation that differs most"], rows))]
+    heads = ["", "difference of means [sd]", "difference of sds", "largest difference of a correlation"]
+    return [Table(title, (heads, rows))]
 
 
 def _furthest(correlations: np.ndarray, names: tuple[str, ...]) -> str:
-    """Largest difference of a correlation with another parameter, and that parameter."""
+    """Largest difference among the correlations of a parameter, and the other parameter of that correlation."""
     other = int(np.argmax(np.abs(correlations)))
     return f"{correlations[other]:+.2f} with {pretty(names[other])}" if len(names) > 1 else ""
 
@@ -61,14 +62,14 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
         )
         return Picture(
             "ratios",
-            "Every point is a draw at which the model was run: how much more density the model gives it than the density of "
-            "the draws, relative to the median, over each parameter. Where the two posteriors are the same, all lie on "
-            "zero; the band is the largest standard deviation that a certificate allows. A slope means that a mean is "
-            "off, a bow that a standard deviation is. Triangles lie beyond the edge, dotted lines are draws whose run failed.",
+            "Each point is a draw at which the model was run. The ordinate is the log density of the model minus the log density "
+            "of the draws, relative to the median. If the two posteriors are equal, all points lie on zero. The band shows the "
+            "largest standard deviation that a certificate allows. A slope indicates a wrong mean, a curvature a wrong standard "
+            "deviation. Triangles mark points beyond the axis limits. Dotted lines mark draws whose run failed.",
             figure,
         )
 
     return [ratios]
 
 
-SECTION = Section("certificate", "Where model and draws differ", _drawings, _tables)
+SECTION = Section("certificate", "Difference between model and draws", _drawings, _tables)

@@ -1,4 +1,4 @@
-"""The probability of a passage or a failure, given the data, for records of increasing strength."""
+"""Probability of a passage or a failure, given the data, for records of increasing strength."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     ]
     shown = result.records if len(result.records) <= MOST_RECORDS else ()
     heads = ["peak ground acceleration [m/s²]", "probability", "90 % of the draws", *shown]
-    return [Table(f"Probability of passing {_limit(result)}, or of failing", (heads, [r[: len(heads)] for r in rows]))]
+    caption = f"Probability of exceeding {_limit(result)}, or of failure"
+    return [Table(caption, (heads, [row[: len(heads)] for row in rows]))]
 
 
 MOST_RECORDS = 4
-"""Number of records up to which each has a column."""
+"""Largest number of records for which the table has one column per record."""
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
@@ -43,9 +44,9 @@ def _words(material: PosteriorMaterial) -> list[str]:
         return []
     count = len(result.records)
     words = [
-        f"{result.passed.shape[0]} draws of the posterior on {count} record{'s' if count > 1 else ''}, {result.true_runs:,} true "
-        "runs. The error is that of the records' scatter and of the draws, and of a surrogate's correction where one stood in. "
-        "The band over the draws is what the data leave open about the structure; it is for these records."
+        f"{result.passed.shape[0]} posterior draws for {count} record{'s' if count > 1 else ''}, {result.true_runs:,} model runs. "
+        "The standard error includes the scatter over the records, the number of draws and, if a surrogate was used, its "
+        "correction. The band over the draws shows the uncertainty about the structure that the data leave, for these records."
     ]
     median, dispersion = result.curve
     errors = result.curve_error
@@ -53,7 +54,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
         fitted = f"The fitted curve Φ(ln(a/θ)/β) has θ = {median:.3g} m/s² and β = {dispersion:.2f}"
         if np.isfinite(errors[0]):
             fitted += (
-                f", with standard errors of {errors[0]:.0%} and {errors[1]:.2f} by resampling of records and draws"
+                f", with standard errors of {errors[0]:.0%} and {errors[1]:.2f} by resampling the records and draws"
             )
         words.append(fitted + ".")
     return words
@@ -65,7 +66,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 def _drawn(fragility: Fragility) -> Picture:
     return Picture(
-        "fragility", f"Probability of passing {_limit(fragility)}, or of failing, given the data.", fragility.plot()
+        "fragility", f"Probability of exceeding {_limit(fragility)}, or of failure, given the data.", fragility.plot()
     )
 
 
@@ -75,6 +76,6 @@ SECTION = Section(
     _drawings,
     _tables,
     _words,
-    "The probability is that of a model that is wrong for these data. It allows for the errors that it made on the measured "
-    "record, in the channels that were measured.",
+    "This probability comes from a model that is wrong for these data. It allows for the model errors in the measured channels, "
+    "as estimated from the measured record.",
 )

@@ -36,9 +36,8 @@ def _marginals(material: PosteriorMaterial) -> Picture:
         (material.best / factors)[shown],
         truth,
     )
-    return Picture(
-        "marginals", "Priors (with samples) and posterior marginals." + (" Dotted: the truth." if truth else ""), figure
-    )
+    dotted = " Dotted: true values." if truth else ""
+    return Picture("marginals", f"Priors (with samples) and posterior marginals.{dotted}", figure)
 
 
 def _pairs(material: PosteriorMaterial) -> Picture:
@@ -46,12 +45,12 @@ def _pairs(material: PosteriorMaterial) -> Picture:
     draws = (material.result.thinned(20_000) / space.factors)[:, shown]
     names, units = tuple(space.names[i] for i in shown), [list(space.units.values())[i] for i in shown]
     figure = figures.pairs(names, units, draws, (material.best / space.factors)[shown])
-    return Picture("pairs", "Pairs of parameters, their correlation above the diagonal; + is the MAP.", figure)
+    return Picture("pairs", "Pairs of parameters, with correlations above the diagonal; + marks the MAP.", figure)
 
 
 def _identifiability(information: Identifiability) -> Picture:
     figure = figures.identifiability(information.names, information.eigenvalues, information.eigenvectors)
-    return Picture("identifiability", "What the data see: Fisher information at the MAP estimate.", figure)
+    return Picture("identifiability", "Fisher information at the MAP estimate: information in the data.", figure)
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
@@ -60,18 +59,18 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     priors = [[pretty(name), str(prior)] for name, prior in marginals.items() if name not in hidden]
     tables = [
         *_in_coordinates(material),
-        Table("Priors", (["parameter", "prior (native parameters)"], priors), of_words=True),
+        Table("Priors", (["parameter", "prior"], priors), of_words=True),
     ]
     information = material.information
     if information is None:
         return tables
     rows = [[str(i + 1), f"{v:.3g}", information.combination(i)] for i, v in enumerate(information.eigenvalues)]
-    heads = ["combination", "information / prior's", "in prior standard deviations"]
+    heads = ["combination", "information / prior", "weights, in prior standard deviations"]
     return [Table("Identifiability at the MAP estimate", (heads, rows)), *tables]
 
 
 def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
-    """The posterior in the study's coordinates, on which responses depend more simply than on the parameters."""
+    """Table of the posterior in the coordinates of the study, which have a simpler effect on responses than the parameters."""
     space = material.posterior.space
     if not space.coordinates:
         return []
@@ -89,14 +88,14 @@ def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
         + ([] if truth is None else [number(float(truth[i]), float(sd[i]))])
         for i, name in enumerate(space.coordinates)
     ]
-    return [Table("Posterior in the coordinates of the study, of parameters in SI", (heads, rows))]
+    return [Table("Posterior in the coordinates of the study, computed from parameters in SI", (heads, rows))]
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
     information = material.information
     if information is None or not information.unseen:
         return []
-    return [f"The data say less than the prior about {'; '.join(information.unseen)}."]
+    return [f"The data contain less information than the prior about {'; '.join(information.unseen)}."]
 
 
 SECTION = Section("posterior", "Posterior", _drawings, _tables, _words, NEAREST)

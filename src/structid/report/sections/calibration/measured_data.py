@@ -17,7 +17,7 @@ from structid.report.section import Drawing, Picture, Section, nothing
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     records = [o.record for o in material.observations]
     several = range(len(records))
-    # Several observations of one record, such as those of several floors, share its figure.
+    # Several observations of one record, such as measurements on several floors, share one figure of the record.
     distinct = [index for index in several if not any(records[index] is earlier for earlier in records[:index])]
     drawings: list[Drawing] = [functools.partial(_record, material, index) for index in distinct]
     if not np.array_equal(material.raw_record.values, material.record.values):
@@ -33,7 +33,7 @@ def _record(material: PosteriorMaterial, index: int) -> Picture:
     columns = [signal.values / factor(signal.display_unit) for signal in record.signals]
     names, units = [signal.kind for signal in record.signals], [signal.display_unit for signal in record.signals]
     figure = figures.histories(record.time, columns, names, units)
-    return Picture(name, f"What drove the structure: {record.name or record.kind}.", figure)
+    return Picture(name, f"Excitation of the structure: {record.name or record.kind}.", figure)
 
 
 def _processing(material: PosteriorMaterial) -> Picture:
@@ -49,11 +49,11 @@ def _measurement(material: PosteriorMaterial, index: int) -> Picture:
     measured = list(zip(columns, observation.channels, units, strict=True))
     record = observation.record
     figure = figures.measurement_on_record(record.time, (record.values, record.kind, record.unit), measured)
-    return Picture(name, f"The measurement on {record.name}; on the right where the motion begins.", figure)
+    return Picture(name, f"The measurement for {record.name}; right: the start of the strong motion.", figure)
 
 
 def _loop(loop: LoopLines) -> Picture:
-    return Picture("loop_of_the_priors", f"The measured loop of which priors were made. {loop}", loop.plot())
+    return Picture("loop_of_the_priors", f"The measured loop from which priors were derived. {loop}", loop.plot())
 
 
 SECTION = Section("data", "Data", _drawings, nothing)

@@ -1,4 +1,4 @@
-"""The measured responses against the posterior prediction, and hysteresis loops."""
+"""Measured responses, their posterior predictions, and hysteresis loops."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from structid.report.material.predicted_band import PredictedBand
 from structid.report.section import Drawing, Picture, Section, nothing
 
 LOOP_DRAWS = 40
-"""Number of draws whose loops are drawn behind that of the MAP estimate."""
+"""Number of draws whose loops are shown together with the loop of the MAP estimate."""
 MOST_SPRINGS = 4
-"""Number of springs whose loops are drawn, those that absorb most energy."""
+"""Largest number of springs with figures; the springs that absorb the most energy are shown."""
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
@@ -25,7 +25,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     for index, observation in enumerate(material.observations):
         predicted = _PredictedObservation(material, index)
         drawings += [functools.partial(_band, predicted, column) for column in range(len(observation.channels))]
-        # Loops are a record's: several observations of one record, such as those of several floors, share them.
+        # Several observations of one record, such as measurements on several floors, share the figures of the loops.
         first = next(i for i, o in enumerate(material.observations) if o.record is observation.record)
         if first == index:
             loops = _PredictedLoops(material, index)
@@ -44,14 +44,14 @@ class _PredictedObservation:
 
     @cached_property
     def band(self) -> PredictedBand:
-        """The response of draws, with and without errors, and of the MAP estimate."""
+        """Response of the draws, with and without errors, and of the MAP estimate."""
         material = self.material
         draws = predict(material.posterior, material.draws, seed=material.result.seed, observation=self.index)
         return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
 
 
 class _PredictedLoops:
-    """Predicted loops of the springs on the record of an observation."""
+    """Predicted loops of the springs for the record of an observation."""
 
     def __init__(self, material: PosteriorMaterial, index: int) -> None:
         self.material, self.index = material, index
@@ -60,20 +60,20 @@ class _PredictedLoops:
 
     @cached_property
     def of_springs(self) -> dict[str, np.ndarray]:
-        """Loops of the MAP estimate and of the draws by the springs' names, each (draw, time, 3)."""
+        """Loops of the MAP estimate and the draws by spring, with shape (draw, time, 3)."""
         bound = self.material.true_posterior.likelihood.of[self.index]
         theta = np.vstack([self.material.best, self.material.draws])
         return simulated_loops(bound.model, np.asarray(bound.parameters(theta)), self.record)
 
     @cached_property
     def drawn(self) -> list[str]:
-        """Names of the drawn springs, in the model's order."""
+        """Names of the springs with figures, in the order of the model."""
         absorbed = {name: float(np.nanmax(np.abs(loops[0, :, 2]))) for name, loops in self.of_springs.items()}
         most = sorted(absorbed, key=lambda name: -absorbed[name])[:MOST_SPRINGS]
         return [name for name in self.of_springs if name in most]
 
     def truth(self, spring: str) -> np.ndarray | None:
-        """Loop of a spring of the true model, (time, 3), if it is known."""
+        """Loop of a spring of the true model, shape (time, 3); None if unknown."""
         return self.material.true_loops[self.index].get(spring)
 
     def name(self, what: str, spring: str) -> str:
@@ -88,9 +88,9 @@ def _band(predicted: _PredictedObservation, column: int) -> Picture:
     unit = observation.channel_unit(channel).display
     return Picture(
         name,
-        f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "
-        "parameters' uncertainty alone does to the model; the light one, with the discrepancy, is where a measurement "
-        "would lie.",
+        f"Measured {channel} for {observation.record.name}, and its posterior prediction. The dark band shows the effect of the "
+        "parameter uncertainty only. The light band also includes the discrepancy, and is expected to contain 90 % of a "
+        "measurement.",
         predicted.band.draw(column, unit, ("measured", observation.values[:, column])),
     )
 
@@ -106,13 +106,11 @@ def _loops(predicted: _PredictedLoops, number: int) -> Picture:
         draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in loops[1 : 1 + LOOP_DRAWS]],
     )
     caption = (
-        f"Hysteresis loops{f' of {spring}' if spring else ''} on {predicted.record.name}. A few cycles, from early to late, stand "
-        "for all (grey); those of posterior draws are thin."
+        f"Hysteresis loops{f' of {spring}' if spring else ''} for {predicted.record.name}. Grey: all cycles. Coloured: a few "
+        "cycles, from early to late; thin lines are posterior draws."
     )
     caption += (
-        ""
-        if truth is None
-        else " The loops of the virtual experiment are the truth; the calibration has not seen them."
+        "" if truth is None else " The loops of the virtual experiment are the truth; the calibration did not use them."
     )
     return Picture(predicted.name("loops", spring), caption, figure)
 
@@ -127,7 +125,7 @@ def _energy(predicted: _PredictedLoops, number: int) -> Picture:
         loops[0, :, 2],
         (low, high),
     )
-    caption = f"Energy absorbed{f' by {spring}' if spring else ''} on {predicted.record.name}."
+    caption = f"Energy absorbed{f' by {spring}' if spring else ''} for {predicted.record.name}."
     return Picture(predicted.name("energy", spring), caption, figure)
 
 
@@ -136,6 +134,6 @@ SECTION = Section(
     "Response",
     _drawings,
     nothing,
-    under_doubt="The inner band is what the parameters leave open, given this model. The outer one, with the error model, is "
-    "meant to hold the measurement.",
+    under_doubt="The inner band shows the effect of the parameter uncertainty, given this model. The outer band also includes the "
+    "error model, and should contain the measurement.",
 )

@@ -1,4 +1,4 @@
-"""The model runs: how they ended, and their responses."""
+"""The model runs: status counts and responses."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 
 
 def _how_they_ended(runs: Runs) -> Rows:
-    """Statuses of a campaign's runs, their cost, and reasons of failures."""
+    """Counts of the runs by status, their cost, and the reasons of failures."""
     rows = [[status.words, f"{count}", ""] for status, count in runs.counts.items() if count]
     seconds = runs.seconds[np.isfinite(runs.seconds) & (runs.seconds > 0)]
     if seconds.size:
         rows.append(["wall time of a run", f"{np.median(seconds):.3g} s", f"median; {seconds.max():.3g} s at most"])
     again = int((runs.attempts > 1).sum())
     if again:
-        rows.append(["tried more than once", f"{again}", ""])
-    rows += [["reason", f"{count}", reason] for reason, count in runs.failures[:20]]
-    return ["what", "runs", ""], rows
+        rows.append(["more than one attempt", f"{again}", ""])
+    rows += [["reason of failure", f"{count}", reason] for reason, count in runs.failures[:20]]
+    return ["status", "runs", ""], rows
 
 
 def _tables(material: RunsMaterial) -> list[Table]:
-    return [] if material.runs is None else [Table("How they ended", _how_they_ended(material.runs), of_words=True)]
+    return [] if material.runs is None else [Table("Status of the runs", _how_they_ended(material.runs), of_words=True)]
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:
@@ -35,7 +35,7 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
 def _overview(runs: Runs) -> Picture:
     return Picture(
         "runs",
-        "Left: the responses of the design; at each time the bands hold 50 and 90 % of the runs. Right: the design.",
+        "Left: responses over the design; at each time, the bands contain 50 and 90 % of the runs. Right: the design.",
         runs.plot(),
     )
 

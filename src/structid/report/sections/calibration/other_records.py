@@ -25,7 +25,7 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     heads = [
         "record",
         "PGA [g]",
-        "largest",
+        "peak of",
         "5 %",
         "median",
         "95 %",
@@ -38,8 +38,8 @@ def _words(material: PosteriorMaterial) -> list[str]:
     if not material.other_records:
         return []
     words = [
-        "The peak is that of the structure: of the response with the model's own error, without the instrument's noise. The inner "
-        "band is of the response alone, the outer one of what an instrument would show."
+        "The peak is that of the structure: it includes the model error, but not the instrument noise. The inner band shows the "
+        "model response only. The outer band shows the expected reading of an instrument."
     ]
     draws = predicted_records(material)[0].band.draws
     if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
@@ -47,8 +47,8 @@ def _words(material: PosteriorMaterial) -> list[str]:
     ratios = [f"{ratio:.2f} ({name})" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
     return [
         *words,
-        f"On the measured record, the measured peak is {', '.join(ratios)} times the predicted one. One record does not tell if "
-        "other peaks are off by as much. The bands of the peaks reach from no such error to the whole of it.",
+        f"For the measured record, the measured peak is {', '.join(ratios)} times the predicted peak. One record cannot show "
+        "whether other peaks have the same error. The bands of the peaks therefore range from no such error to the full error.",
     ]
 
 
@@ -70,7 +70,7 @@ def _band(other: PredictedRecord, number_of_it: int, column: int) -> Picture:
     sentence = (
         ""
         if held is None
-        else f" The outer band holds {100 * held:.0f} % of what the structure of the virtual experiment does."
+        else f" The outer band contains {100 * held:.0f} % of the true history of the virtual experiment."
     )
     return Picture(name, f"Predicted {channel} for {other.name}.{sentence}", figure)
 
@@ -81,6 +81,6 @@ SECTION = Section(
     _drawings,
     _tables,
     _words,
-    "The bands allow for the drift of the parameters and for errors that grow with the motion as they did on the measured record. "
-    "What the structure does beyond that, as in a much stronger earthquake, they need not hold.",
+    "The bands allow for the drift of the parameters, and for errors that grow with the response as in the measured record. "
+    "They need not contain the response to a very different record, for example a much stronger earthquake.",
 )

@@ -1,4 +1,4 @@
-"""The box of parameters: passages of limits, their probability, and what peaks depend on."""
+"""Runs over the prior range: first passages of limits, their probability, and sensitivity of the peaks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 from structid.report.tables import in_display_unit
 
 POOR = 0.1
-"""Residual fraction of the variance of an expansion above which its indices are doubtful."""
+"""Unexplained fraction of the variance above which the indices of an expansion are doubtful."""
 
 
 def _limit(study: ParameterStudy, number: int) -> str:
@@ -26,7 +26,7 @@ def _limit(study: ParameterStudy, number: int) -> str:
 
 
 def _above(study: ParameterStudy) -> str:
-    """The part of the box examined separately, in words."""
+    """The separately studied part of the prior range, as text."""
     units = study.runs.design.space.units
     return " and ".join(
         f"{pretty(n)} above {value / factor(units[n]):g} {pretty_unit(units[n])}".strip()
@@ -35,8 +35,8 @@ def _above(study: ParameterStudy) -> str:
 
 
 def _shares(study: ParameterStudy) -> Rows:
-    heads = ["limit", "runs that pass", "share", "first", "median", "last [s]"]
-    heads += ["in the part"] if study.above else []
+    heads = ["limit", "runs that pass", "fraction", "first [s]", "median [s]", "last [s]"]
+    heads += ["runs in the part"] if study.above else []
     rows = []
     for number, result in enumerate(study.passages):
         share, error = result.share
@@ -45,7 +45,7 @@ def _shares(study: ParameterStudy) -> Rows:
         row = [_limit(study, number), f"{result.passed.sum()}", f"{share:.1%} ± {error:.1%}", *quantiles]
         if study.above:
             part = result[study.inside]
-            row.append(f"{part.passed.sum()} of {len(part)}" if len(part) else "no run there")
+            row.append(f"{part.passed.sum()} of {len(part)}" if len(part) else "no runs")
         rows.append(row)
     return heads, rows
 
@@ -63,11 +63,11 @@ def _share(value: float) -> str:
 
 
 def _probabilities(study: ParameterStudy) -> Rows:
-    heads = ["limit", "degree", "right side of one half", "without looking", "log loss", "without looking"]
+    heads = ["limit", "degree", "correct", "baseline", "log loss", "baseline"]
     rows = []
     for number, result in enumerate(study.probabilities):
         if result is None:
-            rows.append([_limit(study, number), "–", "too few passed or too few did not", "", "", ""])
+            rows.append([_limit(study, number), "–", "too few runs of one kind", "", "", ""])
         else:
             rows.append(
                 [
@@ -85,21 +85,21 @@ def _probabilities(study: ParameterStudy) -> Rows:
 def _indices(study: ParameterStudy) -> Rows:
     heads = ["parameter or coordinate"]
     for channel, result in study.sensitivities.items():
-        heads += [f"{pretty(channel)}: first", f"total ({result.left_out:.1%} left out)"]
-    found_all = list(study.sensitivities.values())
+        heads += [f"{pretty(channel)}: first", f"total ({result.left_out:.1%} unexplained)"]
+    results = list(study.sensitivities.values())
     rows = []
-    for i, name in enumerate(found_all[0].names):
+    for i, name in enumerate(results[0].names):
         row = [pretty(name)]
-        for result in found_all:
+        for result in results:
             row += [
                 f"{max(result.first[i], 0.0):.3f} ± {result.first_error[i]:.3f}",
                 f"{max(result.total[i], 0.0):.3f} ± {result.total_error[i]:.3f}",
             ]
         rows.append(row)
-    if found_all[0].coordinates != found_all[0].names:
-        for i, name in enumerate(found_all[0].coordinates):
+    if results[0].coordinates != results[0].names:
+        for i, name in enumerate(results[0].coordinates):
             row = [pretty(name)]
-            for result in found_all:
+            for result in results:
                 row += [f"{result.alone[i]:.3f}", ""]
             rows.append(row)
     return heads, rows
@@ -112,13 +112,13 @@ def _tables(material: RunsMaterial) -> list[Table]:
     tables = [
         Table("First passages", _shares(study)),
         Table(
-            "Concordance: how often, of two runs, the one with the larger value passes later (0.5: it says nothing)",
+            "Concordance: probability that, of two runs, the run with the larger value passes later (0.5: no relation)",
             _concordances(study),
         ),
-        Table("Probability of a passage by logistic regression, in cross-validation", _probabilities(study)),
+        Table("Probability of a passage by logistic regression: cross-validated accuracy", _probabilities(study)),
     ]
     if study.sensitivities:
-        tables.append(Table("Sobol' indices of the largest absolute values", _indices(study)))
+        tables.append(Table("Sobol' indices of the peaks", _indices(study)))
     return tables
 
 
@@ -130,33 +130,33 @@ def _words(material: RunsMaterial) -> list[str]:
     fell = int((runs.status == Status.STRUCTURE_FAILED).sum())
     ended = int((~runs.done).sum()) - fell
     words = [
-        f"{len(runs):,} runs over the priors. {_early(fell, ended)} A run that did not pass has no time of passage: it tells that "
-        "its time is later than its end, and no time is put in its place."
+        f"{len(runs):,} runs over the priors. {_early(fell, ended)} A run without a passage is censored: its passage time is later "
+        "than its end."
     ]
     if study.above:
-        words.append(f"A part of the box is looked at by itself: {_above(study)}, {study.inside.sum():,} of the runs.")
+        words.append(f"A part of the prior range is also studied: {_above(study)}, {study.inside.sum():,} runs.")
     if study.sensitivities:
         words.append(
-            "Sobol' indices are of the parameters, which are independent. Of a coordinate it is said what share of the variance "
-            "it explains alone; coordinates that share a parameter depend on one another, and these shares may add up to more "
-            "than 1."
+            "Sobol' indices are given for the parameters, which are independent. For a coordinate, the table gives the fraction of "
+            "the variance that it explains alone. Coordinates that share a parameter are dependent, so these fractions may sum to "
+            "more than 1."
         )
     poor = [pretty(channel) for channel, result in study.sensitivities.items() if result.left_out > POOR]
     if poor:
         words.append(
-            f"The expansion of {' and of '.join(poor)} leaves out more than {POOR:.0%} of the variance: its indices are those of "
-            "the part that it explains. More runs, or coordinates on which the response depends more simply, would help."
+            f"The expansion of {' and of '.join(poor)} leaves more than {POOR:.0%} of the variance unexplained. Its indices "
+            "describe only the explained part. Use more runs, or coordinates with a simpler effect on the response."
         )
     return words
 
 
 def _early(fell: int, ended: int) -> str:
-    """Number of runs that did not reach the end of their record."""
+    """Sentence on the runs that did not reach the end of their record."""
     if not fell + ended:
-        return "All of them reached the end of the record."
+        return "All runs reached the end of the record."
     return (
-        f"The structure failed in {fell} of them, which counts as a passage, and {ended} ended early for another reason; those "
-        "count as far as they went."
+        f"The structure failed in {fell} runs, which counts as a passage. {ended} runs ended early for another reason; they count "
+        "as censored at their end."
     )
 
 
@@ -185,9 +185,8 @@ def _distributions(study: ParameterStudy) -> Picture:
     time = np.linspace(0.0, max(result.followed.max() for result in study.passages), 600)
     curves = [(_limit(study, i), *result.distribution(time)) for i, result in enumerate(study.passages)]
     figure = figures.distributions(time, curves)
-    return Picture(
-        "passages_in_time", "Share of the runs that have passed, by the product-limit estimate, ± 2 errors.", figure
-    )
+    caption = "Fraction of the runs that have passed, by the product-limit estimate, ± 2 standard errors."
+    return Picture("passages_in_time", caption, figure)
 
 
 def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
@@ -198,9 +197,7 @@ def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
     name = f"passages_{number + 1}_times{'_of_a_part' if filtered else ''}"
     figure = figures.times(points, space.names, units, result.time[rows], float(result.followed.max()))
     which = f" of the runs with {_above(study)}" if filtered else ""
-    caption = (
-        f"First passage of {_limit(study, number)}{which} against each parameter. Runs without one are above the line."
-    )
+    caption = f"First passage of {_limit(study, number)}{which} over each parameter. Runs without a passage are above the line."
     return Picture(name, caption, figure)
 
 
@@ -234,9 +231,9 @@ def _map(study: ParameterStudy, number: int, probability: PassageProbability) ->
         at,
     )
     caption = (
-        f"Probability of passing {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} that "
-        "separate the passages best; the others are at their medians. Right: mean probability of the runs, and share of passages "
-        "among them, in forty parts of the first one."
+        f"Probability of a passage of {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} "
+        f"that best separate the passages; the other {'coordinates' if space.coordinates else 'parameters'} are at their medians. "
+        "Right: mean probability and observed fraction of passages, in forty groups of runs along the first axis."
     )
     return Picture(name, caption, figure)
 

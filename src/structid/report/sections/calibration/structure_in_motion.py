@@ -1,4 +1,4 @@
-"""The structure in motion: pictures drawn by the model, at the parameters closest to the data."""
+"""Animations and pictures of the structure, drawn by the model at the MAP estimate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     model = material.true_posterior.model
     theta = material.best[: material.true_posterior.model_space.dimension]
     record = material.observations[0].record
-    return [functools.partial(_drawn, each) for each in model.pictures(theta, record)]
+    return [functools.partial(_drawn, picture) for picture in model.pictures(theta, record)]
 
 
 def _drawn(picture: ModelPicture) -> Picture:
@@ -21,4 +21,4 @@ def _drawn(picture: ModelPicture) -> Picture:
 
 
 SECTION = Section("structure-in-motion", "The structure in motion", _drawings, nothing, under_doubt=NEAREST)
-"""At the MAP estimate, on the first measured record."""
+"""Pictures at the MAP estimate, for the first measured record."""

@@ -19,10 +19,10 @@ def _in_words(setting: Any) -> str:
 
 
 def _validation(surrogate: Surrogate) -> Rows:
-    """Errors of a surrogate over the runs it was validated on, one row per channel."""
+    """Errors of a surrogate on its validation runs, one row per channel."""
     validation = surrogate.validation
     assert validation is not None
-    heads = ["channel", "mean error", "median", "95 %", "worst", "diverged", "peak off by", "within 1.96 sd"]
+    heads = ["channel", "mean error", "median", "95 %", "worst", "diverged", "peak error", "within 1.96 sd"]
     rows = [
         [
             pretty(channel),
@@ -37,24 +37,24 @@ def _validation(surrogate: Surrogate) -> Rows:
 
 
 def _what_it_is(surrogate: Surrogate) -> Rows:
-    """Settings of a surrogate and the runs it was fitted to."""
+    """Settings of a surrogate, and its training runs."""
     fit = surrogate.fitted
-    # Of a calibration, a certificate speaks for it where its posterior is.
-    over = "over all its runs, also far from the posterior" if surrogate.trusted else "estimated while fitting"
+    # In a calibration, the certificate assesses the surrogate near the posterior.
+    over = "over all its runs, even far from the posterior" if surrogate.trusted else "estimated during the fit"
     rows = [
         ["kind", surrogate.kind_in_words],
-        ["fitted to", f"{fit.runs} runs, {fit.left_out} others left out, in {fit.seconds:.1f} s"],
+        ["fitted to", f"{fit.runs} runs ({fit.left_out} other runs excluded), in {fit.seconds:.1f} s"],
         [f"mean error {over}", f"{fit.error:.2g}"],
     ]
-    source = "estimated while fitting"
+    source = "estimated during the fit"
     if surrogate.validation is not None:
         validation, source = surrogate.validation, "on the validation runs"
         rows += [
             ["mean error on the validation runs", f"{validation.mean:.2g}"],
-            ["validation runs outside its range", f"{validation.outside} of {len(validation.errors)}"],
+            ["validation runs outside the training range", f"{validation.outside} of {len(validation.errors)}"],
         ]
     if not surrogate.trusted:
-        rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({source})"])
+        rows.append(["largest mean error for sampling", f"{fit.limit:g} ({source})"])
     rows += [[name, value] for name, value in surrogate.structure_in_words]
     shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
     rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]
@@ -66,7 +66,7 @@ def _tables(material: RunsMaterial) -> list[Table]:
     if surrogate is None:
         return []
     validation = [] if surrogate.validation is None else [Table("Validation", _validation(surrogate))]
-    return [*validation, Table("What it is", _what_it_is(surrogate), of_words=True)]
+    return [*validation, Table("Settings and fit", _what_it_is(surrogate), of_words=True)]
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:
@@ -79,8 +79,8 @@ def _channel(validation: Validation, channel: str) -> Picture:
     name = f"surrogate_{channel}"
     return Picture(
         name,
-        f"The surrogate's {channel} against runs of the model that it has not seen: the best, the median and the worst "
-        "history, peaks, samples, and the distribution of the error.",
+        f"The surrogate's {channel} and model runs that were not used in the fit: the histories with the smallest, median and "
+        "largest error; peaks; samples; and the distribution of the error.",
         validation.plot(channel),
     )
 

@@ -30,24 +30,24 @@ def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
     )
     return Picture(
         name,
-        f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and error model are "
-        "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
+        f"Whitened residuals of {residual.channel} for {residual.record} at the MAP estimate. If the model and the error model are "
+        "right, they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
         f"{_judged(residual)}.",
         figure,
     )
 
 
 def _judged(residual: WhitenedResidual) -> str:
-    """What the residual implies for the error model, in a sentence."""
+    """Sentence on what the residual implies for the error model."""
     if residual.correlated:
         return "They are correlated: the error model does not describe them, and the standard deviations are too small"
     frequency, power = residual.peak
     if power > UNEVEN:
         return (
-            f"None of their correlations is large, but around {frequency:.2g} Hz they have {power:.2g} times the power of white "
-            "noise: the error model describes the errors only roughly"
+            f"Their correlations are small, but around {frequency:.2g} Hz they have {power:.2g} times the power of white noise: "
+            "the error model describes the errors only roughly"
         )
-    return "Nothing speaks against the error model"
+    return "They give no evidence against the error model"
 
 
 SECTION = Section("residuals", "Residuals", _drawings, nothing)

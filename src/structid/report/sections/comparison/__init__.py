@@ -1,1 +1,1 @@
-"""Sections of the page of a model comparison, one file each."""
+"""Sections of the page of a model comparison, one file per section."""

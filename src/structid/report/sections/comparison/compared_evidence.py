@@ -1,4 +1,4 @@
-"""Section of a comparison: the figures of every class."""
+"""Section of a comparison: evidence and predictive density of the classes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from structid.report.section import Section, Table, nothing
 
 
 def _tables(material: ComparisonMaterial) -> list[Table]:
-    return [Table("Model classes, the best one first", material.comparison.side_by_side(), of_words=True)]
+    return [Table("Model classes, the best first", material.comparison.side_by_side(), of_words=True)]
 
 
 def _words(material: ComparisonMaterial) -> list[str]:
     return [
-        "The evidence is the probability of the measurement before it was made, averaged over the prior: a class that could "
-        "explain much else pays for it. The Bayes factor compares it with that of the best class. The probabilities take the "
-        "classes as equally likely before the data.",
-        "The log density left out is what each class predicts of every stretch of the history from the others (Pareto-smoothed "
-        "importance sampling). It depends little on the priors. Both speak of these classes alone: the best of several wrong "
-        "models is still wrong, so look at what is left unexplained.",
+        "The evidence of a class is the probability density of the measurement, averaged over the prior. A class that could also "
+        "explain many other measurements has a lower evidence. The Bayes factor compares this evidence with the evidence of the "
+        "best class. The probabilities assume equal prior probabilities of the classes.",
+        "The cross-validated log density measures how well a class predicts each segment of the history from the other segments "
+        "(Pareto-smoothed importance sampling). It depends only weakly on the priors. Both measures compare only these classes. "
+        "The best of several wrong models is still wrong, so check the unexplained variance.",
     ]
 
 

@@ -1,4 +1,4 @@
-"""Section of a comparison: the parameters of every class."""
+"""Section of a comparison: the parameters of the classes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _tables(material: ComparisonMaterial) -> list[Table]:
         [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([p.true_value] if has_truth else [])]
         for name, p in every.items()
     ]
-    return [Table("Mean, and 90 % interval", (heads, rows))]
+    return [Table("Mean and 90 % interval", (heads, rows))]
 
 
 def _cell(learnt: LearntParameter | None) -> str:
@@ -28,8 +28,8 @@ def _words(material: ComparisonMaterial) -> list[str]:
     if not wrong:
         return []
     return [
-        f"Intervals of {' and '.join(wrong)} are those for another record: the model is wrong for these data, and they allow for "
-        "the drift of its parameters. They need not hold the truth, for such parameters make up for what the model lacks."
+        f"The intervals of {' and '.join(wrong)} are intervals for another record: the model is wrong for these data, and its "
+        "parameters drift. The parameters compensate for model error, so the intervals need not contain the true values."
     ]
 
 

@@ -1,4 +1,4 @@
-"""Section of a comparison: predictions of unmeasured records by every class."""
+"""Section of a comparison: predictions for unmeasured records by the classes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ TRUTH = "truth of the virtual experiment"
 
 
 def _together(material: ComparisonMaterial) -> list[tuple[PredictedRecord, ...]]:
-    """Predictions of the same record by every class, for records and channels that all of them have, in the first one's order."""
-    each = [{(p.name, p.channels): p for p in predicted_records(one.material)} for one in material.classes]
-    return [tuple(of_one[what] for of_one in each) for what in each[0] if all(what in of_one for of_one in each)]
+    """Predictions for one record by all classes; records and channels that all classes have, in the order of the first class."""
+    every = [{(p.name, p.channels): p for p in predicted_records(one.material)} for one in material.classes]
+    return [tuple(of_one[key] for of_one in every) for key in every[0] if all(key in of_one for of_one in every)]
 
 
 def _tables(material: ComparisonMaterial) -> list[Table]:
@@ -34,16 +34,16 @@ def _tables(material: ComparisonMaterial) -> list[Table]:
     heads = [
         "record",
         "class",
-        "largest",
+        "peak of",
         "5 %",
         "median",
         "95 %",
-        *(["truth", "of the truth inside"] if has_truth else []),
+        *(["truth", "true history inside"] if has_truth else []),
     ]
     return (
         [
             Table(
-                "Peak response, and how much of the true history the outer 90 % band holds"
+                "Peak response, and fraction of the true history inside the outer 90 % band"
                 if has_truth
                 else "Peak response",
                 (heads, rows),
@@ -82,7 +82,7 @@ def _draw(names: list[str], together: tuple[PredictedRecord, ...], number: int, 
         unit,
         TRUTH,
     )
-    against = "" if truth is None else f", and the {TRUTH}, which no calibration has seen"
+    against = "" if truth is None else f", and the {TRUTH}, which no calibration used"
     caption = f"Predicted {channel} for {together[0].name} around its peak{against}."
     return Picture(f"other_{number}_{channel}", caption, figure)
 

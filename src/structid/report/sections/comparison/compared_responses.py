@@ -1,4 +1,4 @@
-"""Section of a comparison: the response to the measured record by every class."""
+"""Section of a comparison: predictions of the measured response by the classes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _draw(material: ComparisonMaterial, index: int, column: int) -> Picture:
     inner, outer = ([edges(one.predictions[index], wide) for one in material.classes] for wide in (False, True))
     measured = observation.values[:, column] / factor(unit)
     figure = figures.side_by_side(observation.record.time, measured, inner, outer, material.names, channel, unit)
-    caption = f"Measured {channel} on {observation.record.name} around its peak, and what each class makes of it."
+    caption = f"Measured {channel} for {observation.record.name} around its peak, and the predictions of the classes."
     suffix = "" if len(material.observations) == 1 else f"_{index + 1}"
     return Picture(f"predictions_{channel}{suffix}", caption, figure)
 

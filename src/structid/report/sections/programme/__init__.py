@@ -1,1 +1,1 @@
-"""Sections of the page of a hybrid test programme, one file each."""
+"""Sections of the page of a programme of hybrid tests, one file per section."""

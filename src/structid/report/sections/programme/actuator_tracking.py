@@ -27,7 +27,8 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
                 ]
             )
     heads = ["test", "channel", "error [% of RMS]", "amplitude", "delay in simulated time [ms]", "energy error [J]"]
-    return [Table("Indicators: u_m over u_c. Energy above 0 fed the structure", (heads, rows))] if rows else []
+    caption = "Tracking of the commanded u_c by the measured u_m. A positive energy error adds energy to the structure"
+    return [Table(caption, (heads, rows))] if rows else []
 
 
 def _draw(material: ProgrammeMaterial) -> Picture:
@@ -39,7 +40,7 @@ def _draw(material: ProgrammeMaterial) -> Picture:
     drawn = figure.tracking(plane, moves.time, by**2 * result.indicator, result.energy, unit)
     return Picture(
         "tracking",
-        f"How {channel.name} followed in test {name}: where it was over where it should be, and what grew of it.",
+        f"Tracking of {channel.name} in test {name}: measured over target displacement, tracking indicator, energy error.",
         drawn,
     )
 

@@ -1,4 +1,4 @@
-"""Section of a programme: the motion of the structure."""
+"""Section of a programme: displacement histories of the structure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from structid.report.material.programme_material import ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, Table
 
 SHOWN = 3
-"""Largest number of degrees of freedom shown."""
+"""Largest number of degrees of freedom in the figure."""
 
 
 def _draw(material: ProgrammeMaterial) -> Picture:
@@ -25,7 +25,7 @@ def _draw(material: ProgrammeMaterial) -> Picture:
     ]
     ends = [None if test.finished else float(test.coarse.time[-1]) for test in tests.values()]
     drawn = figure.histories_of_tests(curves, list(tests), "mm", ends)
-    return Picture("histories", "Displacements over simulated time; dashed: where a test ended before its time.", drawn)
+    return Picture("histories", "Displacements over simulated time; dashed: early end of a test.", drawn)
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
@@ -38,9 +38,8 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
         for name, test in material.begun.items()
     ]
     heads = ["test", "largest gap [µm]", "pseudo-energy of the interface [W/s]"]
-    return (
-        [Table("The interface: velocities of both parts are tied, displacements follow", (heads, rows))] if rows else []
-    )
+    caption = "Interface: the velocities are equal; the displacements differ by the gap"
+    return [Table(caption, (heads, rows))] if rows else []
 
 
 SECTION: Section[ProgrammeMaterial] = Section("histories", "Histories", _drawings, _tables)

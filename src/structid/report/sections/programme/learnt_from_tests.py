@@ -1,4 +1,4 @@
-"""Section of a programme: what was learnt of the specimen from a test, and the prediction of a later one."""
+"""Section of a programme: posterior of the specimen's parameters after a test, and the prediction of a later test."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def _words(material: ProgrammeMaterial) -> list[str]:
         return []
     verdict, calibration = learnt.result.verdict(), learnt.calibration
     how = (
-        "No surrogate was used: these are draws of the model's own posterior."
+        "No surrogate was used: the draws come from the posterior of the model itself."
         if calibration is None
-        else "A surrogate stood in for the model."
+        else "A surrogate replaced the model in the sampling."
     )
     sentences = [
-        f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
-        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how}",
+        f"The measured displacements of test {learnt.from_test} and of the tests before it were imposed on the model. The "
+        f"likelihood compares model forces and measured forces ({learnt.observation.values.size:,} values). {how}",
         *([] if calibration is None else _lines(str(calibration.certificate))),
         *_lines(str(verdict)),
     ]
@@ -37,7 +37,7 @@ def _words(material: ProgrammeMaterial) -> list[str]:
 
 
 def _lines(text: str) -> list[str]:
-    """A paragraph for each line, without list markers."""
+    """One paragraph for each line, without list markers."""
     return [line.strip().removeprefix("- ").removeprefix("! ") for line in text.splitlines()]
 
 
@@ -62,20 +62,19 @@ def _loops(learnt: Learnt) -> Picture:
     displacement = 1e3 * (values if values.ndim == 1 else values[:, 0])
     measured, model = 1e-3 * learnt.observation.values[:, 0], 1e-3 * learnt.fitted[:, 0]
     drawn = loop_figure.loops(learnt.observation.record.time, (displacement, measured), (displacement, model))
-    return Picture(
-        "learnt_loops", f"Loops to the end of test {learnt.from_test}, and of the most probable parameters.", drawn
-    )
+    caption = f"Loops up to the end of test {learnt.from_test}: measured, and at the most probable parameters."
+    return Picture("learnt_loops", caption, drawn)
 
 
 def _prediction(learnt: Learnt) -> Picture:
     prediction = learnt.prediction
     assert prediction is not None
     low, high = (1e3 * edge for edge in np.quantile(prediction.drifts, BAND, axis=0))
-    happened = ("drift", prediction.time[: len(prediction.happened)], 1e3 * prediction.happened)
+    observed = ("drift", prediction.time[: len(prediction.happened)], 1e3 * prediction.happened)
     drawn = figure.predicted_test(
-        prediction.time, (low, high), happened, 1e3 * prediction.peaks, 1e3 * prediction.peak, "mm"
+        prediction.time, (low, high), observed, 1e3 * prediction.peaks, 1e3 * prediction.peak, "mm"
     )
-    caption = f"Test {prediction.name}: what was predicted from test {learnt.from_test}, and what happened."
+    caption = f"Test {prediction.name}: prediction from test {learnt.from_test}, and observed response."
     return Picture("predicted_test", caption, drawn)
 
 
@@ -89,4 +88,4 @@ def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
     return drawn
 
 
-SECTION: Section[ProgrammeMaterial] = Section("learnt", "What the tests have taught", _drawings, _tables, _words)
+SECTION: Section[ProgrammeMaterial] = Section("learnt", "Parameters learnt from the tests", _drawings, _tables, _words)

@@ -1,4 +1,4 @@
-"""Section of a programme: the filter's estimates of the specimen during the tests."""
+"""Section of a programme: online estimates of the specimen's parameters by a filter during the tests."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from structid.report.section import Drawing, Picture, Section, Table
 from structid.report.tables import number
 
 IN_DOUBT = 3.0
-"""Error of the filter in its own standard deviations above which it is called overconfident."""
+"""Distance between filter and posterior above which the filter is called overconfident, in standard deviations of the filter."""
 SIGMAS = 2.0 * BAND
-"""Standard deviations of a 95 % band."""
+"""Width of a 95 % band, in standard deviations."""
 
 
 def _followed(material: ProgrammeMaterial) -> bool:
@@ -28,20 +28,20 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     if not _followed(material):
         return []
     sentences = [
-        "A filter followed the parameters move by move. It takes the law for true, its state for normal and the noise of every "
-        "force for independent. It is a help while a test runs, and no posterior."
+        "A filter estimated the parameters after every move. It assumes that the hysteretic model is right, the state is normal, "
+        "and the force noise is independent. The filter is a help during a test; it does not replace the posterior."
     ]
-    off = [row[0] for row in _beside(material) if row[-1] == "overconfident"]
-    if off:
+    overconfident = [row[0] for row in _beside(material) if row[-1] == "overconfident"]
+    if overconfident:
         sentences.append(
-            f"It is overconfident in {', '.join(off)}: by its own standard deviation it is {IN_DOUBT:g} or more of them away from "
-            "the posterior of the same tests."
+            f"It is overconfident in {', '.join(overconfident)}: its estimate is {IN_DOUBT:g} or more of its own standard "
+            "deviations away from the posterior mean of the same tests."
         )
     return sentences
 
 
 def _beside(material: ProgrammeMaterial) -> list[list[str]]:
-    """The filter's estimate at the end of the test used for learning, next to the posterior."""
+    """Rows with the filter's estimate at the end of the test used for learning, and the posterior."""
     learnt = material.learnt
     if learnt is None or (online := material.programme.tests[learnt.from_test].online) is None:
         return []
@@ -66,9 +66,9 @@ def _beside(material: ProgrammeMaterial) -> list[list[str]]:
 def _tables(material: ProgrammeMaterial) -> list[Table]:
     rows = _beside(material)
     assert material.learnt is not None or not rows
-    heads = ["parameter", "filter", "its sd", "posterior", "its sd", "apart [sd of the filter]", ""]
+    heads = ["parameter", "filter mean", "filter sd", "posterior mean", "posterior sd", "difference [filter sd]", ""]
     end = material.learnt.from_test if material.learnt is not None else ""
-    return [Table(f"At the end of test {end}", (heads, rows))] if rows else []
+    return [Table(f"Filter and posterior at the end of test {end}", (heads, rows))] if rows else []
 
 
 def _draw(material: ProgrammeMaterial) -> Picture:
@@ -90,13 +90,11 @@ def _draw(material: ProgrammeMaterial) -> Picture:
             posterior[name] = (mean - SIGMAS / 2.0 * sd, mean + SIGMAS / 2.0 * sd)
     starts = [(name, int(first)) for name, first in zip(tests, lengths, strict=False)]
     drawn = figure.filtered_path(names, units, starts, (path_values[0], path_values[1], path_values[2]), posterior)
-    return Picture(
-        "filtered_path", "What the filter believed, and the posterior; grey lines: where a test begins.", drawn
-    )
+    return Picture("filtered_path", "Estimates of the filter, and the posterior; grey lines: start of a test.", drawn)
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
     return [partial(_draw, material=material)] if _followed(material) else []
 
 
-SECTION: Section[ProgrammeMaterial] = Section("online", "Followed while they ran", _drawings, _tables, _words)
+SECTION: Section[ProgrammeMaterial] = Section("online", "Online filter", _drawings, _tables, _words)

@@ -1,4 +1,4 @@
-"""Section of a programme: force against displacement of the specimen."""
+"""Section of a programme: hysteresis loops of the specimen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from structid.report.material.programme_material import ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, nothing
 
 DISPLAYED = {"m": ("mm", 1e3, "kN", 1e-3), "rad": ("mrad", 1e3, "kN m", 1e-3)}
-"""Unit and factor of a displacement and of its force, by the unit of the channel."""
+"""Display unit and factor of a displacement, and of its force, by the unit of the channel."""
 
 
 def _draw(material: ProgrammeMaterial, channel: int) -> Picture:
@@ -22,7 +22,7 @@ def _draw(material: ProgrammeMaterial, channel: int) -> Picture:
     name = f"loops_{described.name}"
     return Picture(
         name,
-        f"Force against measured {described.name}, from the first zero of the specimen; grey: the tests before.",
+        f"Force over measured {described.name}, relative to the initial zero of the specimen; grey: earlier tests.",
         figure.loops_of_tests(curves, (described.name, "force"), (unit, force_unit)),
     )
 

@@ -1,4 +1,4 @@
-"""Section of a programme: its tests in numbers, and their events."""
+"""Section of a programme: table of the tests, and table of their events."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
         "largest force [kN]",
         "residual [mm]",
         "stiffness / K₀",
-        "how it ended",
+        "end",
     ]
     rows, events = [], []
     for name, test in material.programme.tests.items():
@@ -26,7 +26,7 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
         step = float(test.coarse.time[1]) if test.steps else np.nan
         drift = 1e3 * np.abs(test.coarse.physical.displacement[:, 0]).max() if test.steps else np.nan
         force = 1e-3 * np.abs(test.moves.force[:, 0]).max() if test.steps else np.nan
-        end = "at its end" if test.finished else (test.events[-1].what if test.events else "before its time")
+        end = "completed" if test.finished else (test.events[-1].what if test.events else "ended early")
         rows.append(
             [
                 name,
@@ -40,17 +40,17 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
             ]
         )
         events += [[name, f"{event.time:.3f}", event.what] for event in test.events]
-    tables = [Table("The tests. Residual: where the specimen was without force before the test.", (heads, rows))]
+    tables = [Table("Tests. Residual: displacement of the specimen at zero force before the test.", (heads, rows))]
     if events:
-        tables.append(Table("Events", (["test", "at [s]", "what"], events), of_words=True))
+        tables.append(Table("Events", (["test", "time [s]", "event"], events), of_words=True))
     return tables
 
 
 def _words(material: ProgrammeMaterial) -> list[str]:
     test = material.first
     described = test.description
-    kind = "A program stood in the laboratory's place." if described.simulated else "The specimen was a structure."
-    channels = ", ".join(f"{c.name} [{c.unit}], {1e3 * c.delay:g} ms late" for c in described.channels)
+    kind = "The specimen was simulated." if described.simulated else "The specimen was a physical structure."
+    channels = ", ".join(f"{c.name} [{c.unit}], delay {1e3 * c.delay:g} ms" for c in described.channels)
     warnings = [f"{name}: {w}" for name, t in material.programme.tests.items() for w in t.feasibility.warnings]
     return [f"Specimen: {described.name}. {kind} Channels: {channels}.", *dict.fromkeys(warnings)]
 

@@ -1,1 +1,1 @@
-"""The structure of a NARX: terms, memories, the recursion."""
+"""The structure of a NARX: terms, memories and the recursion."""

@@ -14,7 +14,7 @@ from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, 
 def polynomial_terms(
     n_x: int = 4, n_y: int = 4, degree: int = 2, inputs: Sequence[str] = ("x",), outputs: Sequence[str] = ("y",)
 ) -> tuple[Term, ...]:
-    """Return every product of lagged signals up to a degree, with the constant."""
+    """Return every product of lagged signals up to a degree, including the constant."""
     factors = [f for s in inputs for f in _past(s, 0, n_x)] + [f for s in outputs for f in _past(s, 1, n_y)]
     products = itertools.chain.from_iterable(
         itertools.combinations_with_replacement(factors, d) for d in range(1, degree + 1)
@@ -45,7 +45,7 @@ def prony_terms(
     inputs: Sequence[str] = ("x",),
     outputs: Sequence[str] = ("y",),
 ) -> tuple[Term, ...]:
-    """Return exponential and harmonic terms modelled on Prony's series (thesis eqs. 5.7 to 5.12)."""
+    """Return exponential and harmonic terms modelled on the Prony series (thesis eqs. 5.7 to 5.12)."""
     terms = ["1"]
     for x in inputs:
         for now in _past(x, 0, n_x):
@@ -67,15 +67,15 @@ def hysteretic_terms(
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
     """Return terms with a hysteretic memory, for an oscillator with any hysteretic spring.
 
-    Each output is integrated until it is a displacement u, which drives a hysteresis z. The products with |u'| and |z| account
-    for what happens within a step.
+    Each output is integrated to a displacement u, which drives a hysteresis z. The products with |u'| and |z| account for
+    changes within a time step.
     """
     orders = [1] * len(outputs) if integrations is None else list(integrations)
     terms: list[str] = [f for x in inputs for f in _past(x, 0, 3)]
     memories: list[str] = []
     for number, (y, order) in enumerate(zip(outputs, orders, strict=True), 1):
         tag = "" if len(outputs) == 1 else str(number)
-        # From the output to the displacement: y and the names of its integrals.
+        # The chain from the output to the displacement has y and the names of its integrals.
         chain = [y, *([], [f"u{tag}"], [f"v{tag}", f"u{tag}"])[order]]
         z = f"z{tag}"
         memories += [f"{integral} = integral({of})" for of, integral in itertools.pairwise(chain)]
@@ -92,7 +92,7 @@ def hysteretic_terms(
 def displacement_driven_terms(
     outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",)
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
-    """Return terms of a hysteretic spring under imposed displacement: the input drives the hysteresis."""
+    """Return terms of a hysteretic spring under imposed displacement, in which the input drives the hysteresis."""
     terms: list[str] = []
     memories: list[str] = []
     for number, x in enumerate(inputs, 1):
@@ -108,5 +108,5 @@ def displacement_driven_terms(
 
 
 def _past(signal: str, first: int, last: int) -> list[str]:
-    """The signal at a range of lags."""
+    """Return the names of a signal at a range of lags."""
     return [f"{signal}(t-{k})" if k else f"{signal}(t)" for k in range(first, last + 1)]

@@ -1,4 +1,4 @@
-"""Runs as data of a NARX: arrays of inputs and outputs in SI, and the names of these signals."""
+"""Training data of a NARX from runs: arrays of inputs and outputs in SI, and names of these signals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from structid.ground_motion.excitation import Excitation
 
 
 @dataclass(frozen=True)
-class Signals:
+class NARXSignals:
     """Names of the inputs and outputs of a NARX."""
 
     inputs: tuple[str, ...]  # names of the inputs in terms: ``x``, or ``x1``, ``x2``, …
@@ -23,7 +23,7 @@ class Signals:
     kind: str = ""  # Kind of the excitations
 
     @classmethod
-    def of(cls, excitation: Excitation, channels: Sequence[str]) -> Signals:
+    def of(cls, excitation: Excitation, channels: Sequence[str]) -> NARXSignals:
         """Name the signals of an excitation and a response."""
         count = excitation.values[:1].size
         return cls(_names("x", count), tuple(channels), excitation.kind)
@@ -35,19 +35,19 @@ class Signals:
 
 
 def _names(letter: str, count: int) -> tuple[str, ...]:
-    """The letter alone, or numbered if there are several."""
+    """Return the letter alone, or numbered if there are several signals."""
     return (letter,) if count == 1 else tuple(f"{letter}{i + 1}" for i in range(count))
 
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Runs as data of a NARX."""
+    """Training data of a NARX from runs."""
 
     x: Float[np.ndarray, "run time input"]  # inputs in SI; zero after the end of a shorter record
     y: Float[np.ndarray, "run time output"]  # outputs in SI; zero after the end of a shorter record
-    counted: Bool[np.ndarray, "run time"]  # True for samples that count: those after the washout
+    counted: Bool[np.ndarray, "run time"]  # True for samples that are used, after the washout
     dt: float  # Time step [s]
-    signals: Signals  # Names of the signals
+    signals: NARXSignals  # Names of the signals
 
     @classmethod
     def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
@@ -59,15 +59,15 @@ class Experiments:
         counted = np.zeros((len(runs), samples), dtype=bool)
         values = runs.values
         for row, record in enumerate(used):
-            # The lead-in of a periodic record is not measured, but the response repeats as the record does.
+            # The lead-in of a periodic record is not measured, but the response is periodic like the record.
             periods = 1 + record.lead_in_periods
             end = periods * len(record)
             x[row, :end] = np.tile(record.values.reshape(len(record), -1), (periods, 1))
             y[row, :end] = np.tile(values[row, : len(record)], (periods, 1))
             counted[row, record.dropped_samples + round(washout / dt) : end] = True
         if not counted.any(axis=1).all():
-            raise InputError("washout", f"{washout:g} s", "less than the shortest record")
-        return cls(x, y, counted, dt, Signals.of(used[0], runs.channels))
+            raise InputError("washout", f"{washout:g} s", "a time shorter than the shortest record")
+        return cls(x, y, counted, dt, NARXSignals.of(used[0], runs.channels))
 
 
 def input_signals(stages: Float[Array, "time 1 3 *motion"]) -> Float[Array, "time input"]:

@@ -1,4 +1,4 @@
-"""The structure of a NARX: terms of each output, their memories, and the scales of all signals."""
+"""Structure of a NARX: terms of each output, memories, and scales of all signals."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from structid.core.channels import base_channel
 from structid.core.errors import InputError
 from structid.surrogates.narx.structure.candidate_terms import displacement_driven_terms, hysteretic_terms
-from structid.surrogates.narx.structure.experiments import Experiments, Signals
+from structid.surrogates.narx.structure.experiments import Experiments, NARXSignals
 from structid.surrogates.narx.structure.recursion import Recursion
 from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, as_terms, check_signals
 
 
-def default_structure(signals: Signals) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
+def default_structure(signals: NARXSignals) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
     """Return terms with a hysteretic memory for every output; the terms of one output use the past of all outputs.
 
-    Velocities are integrated once and accelerations twice, so that the memory follows a displacement. If the excitation is an
-    imposed displacement, the memory follows that.
+    Velocities are integrated once and accelerations twice, so that a displacement drives the memory. If the excitation is an
+    imposed displacement, it drives the memory.
     """
     if signals.kind == "displacement":
         terms, memories = displacement_driven_terms(signals.outputs, signals.inputs)
@@ -29,7 +29,7 @@ def default_structure(signals: Signals) -> tuple[tuple[tuple[Term, ...], ...], t
 
 
 def _integrations(channel: str) -> int:
-    """Number of integrations that turn a channel into a displacement, by its name."""
+    """Return the number of integrations that convert a channel to a displacement, by its name."""
     name = base_channel(channel)
     return 2 if "accel" in name else 1 if "veloc" in name else 0
 
@@ -37,28 +37,26 @@ def _integrations(channel: str) -> int:
 def structure_of(
     given: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None,
     memories: Sequence[Memory | str],
-    signals: Signals,
+    signals: NARXSignals,
 ) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
-    """Return the terms of each output and the memories, as given or by default."""
+    """Return the given or default terms of each output and memories."""
     if given is None:
         if memories:
             raise InputError(
-                "memories", ", ".join(map(str, memories)), "none without terms", "Say which terms use them."
+                "memories", ", ".join(map(str, memories)), "no memories without terms", "Give the terms that use them."
             )
         return default_structure(signals)
     channels = signals.channels
     if isinstance(given, Mapping):
         wrong = [c for c in given if c not in channels] or [c for c in channels if c not in given]
         if wrong:
-            raise InputError(
-                "terms", f"those of {', '.join(given)}", f"those of {', '.join(channels)}, each by its channel"
-            )
+            raise InputError("terms", f"terms of {', '.join(given)}", f"terms of {', '.join(channels)}, by channel")
     of_outputs = tuple(as_terms(given[c] if isinstance(given, Mapping) else given) for c in channels)
     held = as_memories(memories)
     for terms in of_outputs:
         check_signals(terms, held, signals.inputs, signals.outputs)
         if not terms:
-            raise InputError("terms", "none", "one term or more")
+            raise InputError("terms", "no terms", "one or more terms")
     return of_outputs, held
 
 
@@ -80,7 +78,7 @@ def build_recursion(
             signals[memory.name] = np.cumsum(np.pad(middle, ((0, 0), (1, 0))), axis=1)
             scales[memory.name] = _scale(signals[memory.name], experiments.counted)
         elif memory.of in signals:
-            # A hysteresis is of the size of its source, and only its size matters for the memories made of it.
+            # A hysteresis has the magnitude of its source; only this magnitude affects memories derived from it.
             signals[memory.name] = signals[memory.of] / scales[memory.of]
             scales[memory.name] = 1.0
     initial = experiments.y[:, 0].mean(axis=0) / np.array([scales[y] for y in outputs])
@@ -88,6 +86,6 @@ def build_recursion(
 
 
 def _scale(signal: np.ndarray, counted: np.ndarray) -> float:
-    """Standard deviation of a signal, or one if it is constant."""
+    """Return the standard deviation of a signal, or one if the signal is constant."""
     deviation = float(signal[counted].std())
     return deviation if deviation > 0 else 1.0

@@ -1,4 +1,4 @@
-"""The recursion of a NARX inside JAX: from inputs and coefficients to outputs, one step ahead or free-running.
+"""Recursion of a NARX inside JAX, which computes outputs from inputs and coefficients, one step ahead or in a free run.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -20,24 +20,24 @@ from structid.engine.time_loop import TimeLoop, all_finite
 from structid.surrogates.narx.structure.terms import Memory, Term
 
 State = dict[str, tuple[Any, ...]]
-"""The values of every input, output and memory at t−1, t−2, …, each of shape (run,)."""
+"""Values of every input, output and memory at t−1, t−2, …; each has shape (run,)."""
 
 UNROLLED = 8
-"""Steps of the recursion per pass of XLA's loop. The overhead of a pass is about the cost of a step of 50 runs."""
+"""Number of recursion steps per pass of XLA's loop. The overhead of a pass is about the cost of a step of 50 runs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recursion:
     """A NARX structure, y_j(t) = Σᵢ ϑ_ji g_ji(z(t)) (thesis eqs. 2.52, 5.6), in scaled signals.
 
-    The coefficients of one run are a vector: those of the terms of the first output, of the second, …, and then the shape
-    parameters of the memories.
+    The coefficients of one run form a vector: the coefficients of the terms of the first output, the second output, …, and then
+    the shape parameters of the memories.
     """
 
     terms: tuple[tuple[Term, ...], ...]  # Terms of each output
     memories: tuple[Memory, ...]  # memories, each derived from an input, an output or an earlier memory
-    inputs: tuple[str, ...]  # Names of the signals
-    outputs: tuple[str, ...]  # Names of the signals
+    inputs: tuple[str, ...]  # Names of the inputs
+    outputs: tuple[str, ...]  # Names of the outputs
     dt: float  # Time step [s]
     scales: Mapping[str, float]  # Scales by which inputs, outputs and integrals are divided
     initial: Float[np.ndarray, " output"]  # Scaled outputs at the first sample
@@ -63,7 +63,7 @@ class Recursion:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The term or shape parameter of each coefficient."""
+        """Term or shape parameter of each coefficient."""
         several = len(self.outputs) > 1
         linear = [
             f"{y}: {t}" if several else str(t) for y, of in zip(self.outputs, self.terms, strict=True) for t in of
@@ -97,7 +97,7 @@ class Recursion:
         outputs: Sequence[Any],
     ) -> State:
         """Add the inputs and outputs of one time to the state and update the memories."""
-        # An input may be the same for all runs, a state is one for each.
+        # All runs may share an input, but each run has its own state.
         now = {name: jnp.broadcast_to(row[i], outputs[0].shape) for i, name in enumerate(self.inputs)}
         now |= dict(zip(self.outputs, outputs, strict=True))
         shape = self.linear_size
@@ -120,23 +120,23 @@ class Recursion:
         time: Any,
         bound: float,
     ) -> State:
-        """Simulate one step from the model's own past."""
+        """Simulate one step from the model's past outputs."""
         outputs = self.outputs_of(coefficients, self.values(state, row), time)
         return self.advance(coefficients, state, row, [_bounded(y, bound) for y in outputs])
 
     def _rate(self, memory: Memory) -> float:
-        """Scaled increment of an integral for one step of its scaled signal."""
+        """Return the scaled increment of an integral for one step of its scaled signal."""
         return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
 
     def at_rest(self, like: Float[Array, " run"], row: Float[Array, "_ ..."]) -> State:
-        """Return the state after the first sample: outputs at their initial values, all else zero before."""
+        """Return the state after the first sample: outputs have their initial values, and all earlier values are zero."""
         zero = like * 0.0
         state = {x: (zero + row[i], *[zero] * (self.depth[x] - 1)) for i, x in enumerate(self.inputs)}
         state |= {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
         return state | {m.name: (zero,) * self.depth[m.name] for m in self.memories}
 
     def last(self, state: State) -> Float[Array, "output run"]:
-        """Latest outputs in a state."""
+        """Return the latest outputs in a state."""
         return jnp.stack([state[y][0] for y in self.outputs])
 
     # --- many steps ---------------------------------------------------------------------------------------------
@@ -148,11 +148,11 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Loop that simulates from the model's own past outputs."""
+        """Return a loop that simulates from the model's past outputs."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
-            # What is seen is the previous output, which the state holds: to show the new one XLA would compute all terms twice.
+            # Return the previous output from the state. To return the new output, XLA would compute all terms twice.
             return self.step(coefficients, state, row, time, bound), self.last(state)
 
         start = self.at_rest(coefficients[0], signals[0])
@@ -166,7 +166,7 @@ class Recursion:
         bound: float,
         unroll: int = UNROLLED,
     ) -> TimeLoop:
-        """Loop that restarts from the measured past at some samples."""
+        """Return a loop that restarts from the measured past at given samples."""
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
             (state, measured), (row, time, starts) = carried, at
@@ -183,7 +183,7 @@ class Recursion:
     def one_step_loop(
         self, coefficients: Float[Array, "coefficient run"], signals: Float[Array, "_ _ run"]
     ) -> TimeLoop:
-        """Loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them."""
+        """Return a loop over the terms along measured outputs, for regression, since one-step outputs are linear in the terms."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -196,30 +196,30 @@ class Recursion:
         return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite)
 
     def measured_outputs(self, row: Float[Array, "_ run"]) -> list[Any]:
-        """Measured outputs in a row of inputs and outputs."""
+        """Return the measured outputs in a row of inputs and outputs."""
         return [row[len(self.inputs) + i] for i in range(len(self.outputs))]
 
     def _from_measured(self, like: Any, row: Any) -> State:
-        """State after the first sample, with its measured outputs."""
+        """Return the state after the first sample, with the measured outputs."""
         start = self.at_rest(like, row)
         measured = zip(self.outputs, self.measured_outputs(row), strict=True)
         return start | {name: (y, *start[name][1:]) for name, y in measured}
 
     def _times(self, signals: Any) -> np.ndarray:
-        """Times [s] of the second sample and on."""
+        """Return the times [s] from the second sample onwards."""
         return np.arange(1, signals.shape[0]) * self.dt
 
 
 def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:
-    """One step of Δm = Δs − b |Δs| m − g Δs |m|, by the midpoint rule."""
+    """Take one step of Δm = Δs − b |Δs| m − g Δs |m|, by the midpoint rule."""
 
     def slope(m: Any) -> Any:
         return change - b * jnp.abs(change) * m - g * change * jnp.abs(m)
 
-    # A memory that diverges stays finite, as outputs do.
+    # Memories that diverge stay finite, like outputs.
     return _bounded(held + slope(held + 0.5 * slope(held)), 1e3)
 
 
 def _bounded(value: Any, bound: float) -> Any:
-    """Clip a value to ± a bound; NaN becomes the bound. In XLA this takes a third of the time of a clip."""
+    """Clip a value to ± a bound; NaN becomes the bound. In XLA this takes a third of the time of its clip function."""
     return jnp.where(value < bound, jnp.where(value > -bound, value, -bound), bound)

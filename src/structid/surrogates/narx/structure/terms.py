@@ -1,4 +1,4 @@
-"""The language of NARX terms: readable products of past inputs, outputs and memories.
+"""Text form of NARX terms: readable products of past inputs, outputs and memories.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -31,8 +31,8 @@ _RESERVED = ("t", "pi", "exp", "sin", "cos", "tan", "sqrt", "log", "abs")
 class Term:
     """One term of a NARX model, g(z(t)) (thesis eq. 2.52), such as ``x(t-3)*|y(t-1)|``.
 
-    Signals are scaled: inputs, outputs and integrals are divided by their standard deviation over the training runs, so
-    that powers and exponentials are of order one.
+    Signals are scaled: inputs, outputs and integrals are divided by their standard deviation over the training runs. Powers and
+    exponentials are then of order one.
 
     Parameters
     ----------
@@ -58,22 +58,22 @@ class Term:
 
     @cached_property
     def _parsed(self) -> tuple[Any, tuple[str, ...]]:
-        """The function that evaluates the term, and the names of its arguments."""
+        """Function that evaluates the term, and names of its arguments."""
         where = f"term '{self.text}'"
         ahead = _AHEAD.search(self.text)
         if ahead:
-            raise InputError(where, f"'{ahead[0]}'", f"{ahead[1]}(t-1) or earlier", "Future values are not known.")
+            raise InputError(where, f"'{ahead[0]}'", f"{ahead[1]}(t-1) or earlier", "Use past values only.")
         plain = _SIGNAL.sub(lambda m: m[0] if m[1] in _RESERVED else f"{m[1]}__{int(m[2] or 0)}", self.text)
         plain = _without_bars(plain, where).replace("^", "**")
         function, names = parse_expression(plain, where)
         for name in names:
             if "__" not in name and name not in ("t", "pi"):
-                raise InputError(where, f"'{name}'", f"a lagged signal such as {name}(t-1)", "Give its lag.")
+                raise InputError(where, f"'{name}'", f"a lagged signal such as {name}(t-1)", "Give the lag.")
         return function, names
 
     @property
     def signals(self) -> tuple[Lagged, ...]:
-        """The lagged signals that the term uses."""
+        """Lagged signals that the term uses."""
         return tuple(_lagged(name) for name in self._parsed[1] if "__" in name)
 
     def evaluate(self, values: Mapping[Lagged, Any], time: Any = 0.0) -> Any:
@@ -89,7 +89,7 @@ class Term:
         Returns
         -------
         array
-            The value, in the shape of the signals.
+            Value of the term, in the shape of the signals.
         """
         function, names = self._parsed
         lagged = {name: values[_lagged(name)] for name in names if "__" in name}
@@ -100,7 +100,7 @@ class Term:
 
 
 def _without_bars(text: str, where: str) -> str:
-    """Replace |…| by abs(…), nested ones included: a bar closes after an operand, and opens where an operand is expected."""
+    """Replace |…| by abs(…), also if nested: a bar after an operand closes, and a bar in place of an operand opens."""
     result, open_bars, operand_ended = "", 0, False
     for letter in text:
         if letter == "|":
@@ -118,7 +118,7 @@ def _without_bars(text: str, where: str) -> str:
 
 
 def _lagged(name: str) -> Lagged:
-    """The lagged signal of a name such as ``y__1``."""
+    """Return the lagged signal of a name such as ``y__1``."""
     signal, _, lag = name.rpartition("__")
     return signal, int(lag)
 
@@ -126,20 +126,20 @@ def _lagged(name: str) -> Lagged:
 @check_arguments
 @dataclass(frozen=True)
 class Memory:
-    """A signal with a long memory, made from another signal; terms may use it from lag 1 on.
+    """A signal with a long memory, derived from another signal; terms may use it with lags of 1 or more.
 
     ``integral(s)``: m(t) = m(t−1) + ½ (s(t) + s(t−1)), divided by its standard deviation over the training runs.
-    ``hysteresis(s)``: ``Δm = Δs − b |Δs| m − g Δs |m|``, the Bouc–Wen law, where Δs is the change of s over the last step. Its two
-    shape parameters b and g are trained with the coefficients, and like them may depend on the parameters of the model.
+    ``hysteresis(s)``: ``Δm = Δs − b |Δs| m − g Δs |m|``, the Bouc–Wen law, where Δs is the change of s over the last step. The two
+    shape parameters b and g are trained with the coefficients. Like coefficients, they may depend on the model's parameters.
 
     Parameters
     ----------
     name : str
-        Its name in terms.
+        Name of the memory in terms.
     kind : {"integral", "hysteresis"}
-        The kind of memory.
+        Kind of memory.
     of : str
-        Its source: an input, an output or an earlier memory.
+        Source signal: an input, an output or an earlier memory.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class Memory:
     def __post_init__(self) -> None:
         check_choice(f"memory '{self.name}'", self.kind, ("integral", "hysteresis"))
         if self.name in _RESERVED:
-            raise InputError("memory", f"the name '{self.name}'", "another name", "It is that of a function.")
+            raise InputError("memory", f"the name '{self.name}' is a function", "another name", "Rename the memory.")
 
     @classmethod
     def parse(cls, text: str) -> Memory:
@@ -174,16 +174,16 @@ class Memory:
         Raises
         ------
         InputError
-            If the text has another form.
+            If the text does not have this form.
         """
         match = _MEMORY.match(text)
         if match is None:
-            raise InputError("memory", f"'{text}'", "such as 'u = integral(y)' or 'z = hysteresis(u)'")
+            raise InputError("memory", f"'{text}'", "a text such as 'u = integral(y)' or 'z = hysteresis(u)'")
         return cls(match[1], match[2], match[3])
 
     @property
     def shapes(self) -> int:
-        """Number of its shape parameters."""
+        """Number of shape parameters of the memory."""
         return 2 if self.kind == "hysteresis" else 0
 
     def __str__(self) -> str:
@@ -204,7 +204,7 @@ def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:
 def check_signals(
     terms: Sequence[Term], memories: Sequence[Memory], inputs: Sequence[str], outputs: Sequence[str]
 ) -> None:
-    """Check that every signal of a structure exists, and that outputs and memories are used with a lag."""
+    """Check that every signal of a structure exists, and that outputs and memories have a lag."""
     names = [*inputs, *outputs]
     for memory in memories:
         if memory.of not in names or memory.name in names:
@@ -218,4 +218,4 @@ def check_signals(
                     f"term '{term}'", f"the signal '{signal}'", ", ".join(names), suggestion(signal, names)
                 )
             if signal not in inputs and lag < 1:
-                raise InputError(f"term '{term}'", f"{signal}(t)", f"{signal}(t-1) or earlier", "It is not known yet.")
+                raise InputError(f"term '{term}'", f"{signal}(t)", f"{signal}(t-1) or earlier", "Use a past value.")

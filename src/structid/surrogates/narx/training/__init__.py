@@ -1,1 +1,1 @@
-"""Training of a NARX: which terms it has, and their coefficients."""
+"""Training of a NARX: selection of terms, and their coefficients."""

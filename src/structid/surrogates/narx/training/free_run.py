@@ -1,4 +1,4 @@
-"""Compiled free runs of a NARX over a training set: errors, sensitivities, and their normal equations.
+"""Compiled free runs of a NARX over a training set: errors, sensitivities and normal equations.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -18,7 +18,7 @@ from structid.surrogates.narx.structure.recursion import UNROLLED, Recursion
 from structid.surrogates.narx.training.training_set import TrainingSet
 
 LARGEST_ERROR = 1e6
-"""Largest error of a free run; a larger one, or a run that is not finite, counts as this."""
+"""Largest error of a free run; larger or non-finite errors are set to this value."""
 
 
 class FreeRun:
@@ -37,25 +37,25 @@ class FreeRun:
         return self.recursion.restarted_loop(coefficients, signals, self._starts, self.bound, unroll)
 
     def _starts(self, samples: np.ndarray) -> np.ndarray:
-        """Whether the run starts from the measured past at some samples."""
+        """Return a mask of the samples at which the run starts from the measured past."""
         return samples < self.known if self.horizon is None else samples % self.horizon == 0
 
     def _outputs(self, rows: Any, signals: Any) -> Any:
-        """Scaled outputs (time, output, run)."""
+        """Return the scaled outputs (time, output, run)."""
         return self._loop(rows.T, signals).run()[0]
 
     def _residual(self, outputs: Any, row: Any) -> Any:
-        """Residuals y − ŷ (output, run), zero where a sample does not count."""
+        """Return the residuals y − ŷ (output, run), which are zero for unused samples."""
         return jnp.where(row[-1] > 0, jnp.stack(self.recursion.measured_outputs(row)) - outputs, 0.0)
 
     def _errors(self, rows: Any, signals: Any) -> Any:
-        """Σ(y − ŷ)² (output, run)."""
+        """Return Σ(y − ŷ)² (output, run)."""
         squares = sum_of_squares(_zeros(rows, len(self.recursion.outputs)))
         return self._loop(rows.T, signals).folded(squares, signals[:-1], self._residual)[0]
 
     def _normal(self, rows: Any, signals: Any) -> tuple[Any, Any]:
-        """JᵀJ, its lower triangle row by row, (pair, output, run) and Jᵀr (coefficient, output, run)."""
-        # A step with all its sensitivities is long; unrolled it would take XLA two to ten times as long to run and to compile.
+        """Return the lower triangle of JᵀJ, row by row, (pair, output, run), and Jᵀr (coefficient, output, run)."""
+        # A step with sensitivities is long. If unrolled, XLA would take two to ten times as long to run and to compile it.
         loop = with_sensitivities(lambda c: self._loop(c, signals, unroll=1), rows.T)
 
         def sample(outputs_and_slopes: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
@@ -67,7 +67,7 @@ class FreeRun:
         return sums
 
     def _regression(self, rows: Any, signals: Any) -> list[tuple[Any, Any]]:
-        """ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output, with the terms along the measured outputs in place of J."""
+        """Return ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output; Φ has the terms along the measured outputs."""
         recursion = self.recursion
         ends = np.cumsum([len(of_output) for of_output in recursion.terms])
         each = [_products(rows, len(of_output)) for of_output in recursion.terms]
@@ -104,14 +104,14 @@ class FreeRun:
     def normal_equations(
         self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute JᵀJ and Jᵀr of the free run, relative to Σ(y − ȳ)² of each run and output."""
+        """Compute JᵀJ and Jᵀr of the free run, divided by Σ(y − ȳ)² of each run and output."""
         square, inner = self._compiled_normal(coefficients, signals=data.signals)
         return _relative(_symmetric(square), _runs_first(inner), data.spread)
 
     def regression_equations(
         self, shapes: Float[np.ndarray, "run coefficient"], data: TrainingSet
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output."""
+        """Compute ΦᵀΦ and Φᵀy of the one-step regression, divided by Σ(y − ȳ)² of each run and output."""
         size, outputs = self.recursion.size, len(self.recursion.outputs)
         square, inner = np.zeros((len(shapes), outputs, size, size)), np.zeros((len(shapes), outputs, size))
         start = 0
@@ -123,12 +123,12 @@ class FreeRun:
 
 
 def _zeros(rows: Any, *shape: int) -> Any:
-    """Zeros (…, run)."""
+    """Return zeros (…, run)."""
     return jnp.zeros((*shape, rows.shape[0]))
 
 
 def _products(rows: Any, size: int, *more: int) -> Fold:
-    """Σ aᵢaⱼ for all i and j ≤ i, (pair, …, run), and Σ aᵢb, (size, …, run), of samples a (size, …, run) and b (…, run)."""
+    """Return a fold for samples a (size, …, run), b (…, run): Σ aᵢaⱼ for j ≤ i, (pair, …, run), and Σ aᵢb, (size, …, run)."""
 
     def folded(sums: tuple[list[Any], Any], sample: tuple[Any, Any]) -> tuple[list[Any], Any]:
         (pairs, products), (a, b) = sums, sample
@@ -139,7 +139,7 @@ def _products(rows: Any, size: int, *more: int) -> Fold:
 
 
 def _symmetric(pairs: np.ndarray) -> np.ndarray:
-    """Matrices (run, …, size, size) from their lower triangles, (pair, …, run)."""
+    """Return matrices (run, …, size, size) from their lower triangles (pair, …, run)."""
     triangles = _runs_first(pairs)
     size = (math.isqrt(8 * len(pairs) + 1) - 1) // 2
     matrices, (i, j) = np.empty((*triangles.shape[:-1], size, size)), np.tril_indices(size)
@@ -148,12 +148,12 @@ def _symmetric(pairs: np.ndarray) -> np.ndarray:
 
 
 def _runs_first(sums: np.ndarray) -> np.ndarray:
-    """(run, …, number) from (number, …, run)."""
+    """Return sums (run, …, number) from sums (number, …, run)."""
     return np.moveaxis(sums, (0, -1), (-1, 0))
 
 
 def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations divided by Σ(y − ȳ)²; zero where they are not finite or too large."""
+    """Divide normal equations by Σ(y − ȳ)²; set non-finite or too large equations to zero."""
     good = np.isfinite(square).all(axis=(2, 3)) & np.isfinite(inner).all(axis=2) & (np.abs(square).max((2, 3)) < 1e14)
     with np.errstate(invalid="ignore"):
         square = np.where(good[:, :, None, None], square / spread[:, :, None, None], 0.0)
@@ -164,5 +164,5 @@ def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tupl
 def robust_loss(
     errors: Float[np.ndarray, "run output"], scale: float, weights: Float[np.ndarray, " run"] | None = None
 ) -> float:
-    """Compute the mean of log(1 + ε/s): runs that diverge do not dominate it."""
+    """Compute the mean of log(1 + ε/s), which diverged runs do not dominate."""
     return float(np.average(np.log1p(errors / scale).mean(axis=1), weights=weights))

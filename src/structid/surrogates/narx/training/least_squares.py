@@ -1,8 +1,8 @@
-"""Training of NARX coefficients that depend on parameters, by least squares on the free-run error.
+"""Training of parameter-dependent NARX coefficients, by least squares on the free-run error.
 
-The coefficients of run k are ϑ_k = A ψ(ξ_k), where ψ are features of its parameters. One step ahead the outputs are linear in A. In
-a free run they are not, but differentiating the recursion gives the sensitivities J_k = ∂y_k/∂ϑ_k. The Gauss–Newton step has the
-form of the joint one-step regression, with sensitivities in place of regressors:
+The coefficients of run k are ϑ_k = A ψ(ξ_k), where ψ are features of its parameters. One-step outputs are linear in A, but outputs
+of a free run are not. Differentiation of the recursion gives the sensitivities J_k = ∂y_k/∂ϑ_k. The Gauss–Newton step has the
+form of the joint one-step regression, with sensitivities instead of regressors:
 
     Σ_k w_k (J_kᵀJ_k ⊗ ψ_kψ_kᵀ) vec ΔA = Σ_k w_k (J_kᵀr_k ⊗ ψ_k)
 
@@ -22,7 +22,7 @@ from structid.surrogates.narx.training.one_step_regression import joint_solution
 from structid.surrogates.narx.training.training_set import TrainingSet
 
 SMALLEST_GAIN = 1e-3
-"""Relative decrease of the loss; a smaller one ends the training."""
+"""Relative decrease of the loss below which the training ends."""
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Trained:
     """Trained coefficients and the history of their training."""
 
     coefficients: Float[np.ndarray, "coefficient feature"]  # A
-    # For each step its loss, and the mean and largest error over the training runs and over the held-out runs
+    # Loss of each step, with mean and largest errors over the training runs and over the held-out runs
     history: list[dict[str, float]] = field(default_factory=list)
 
 
@@ -46,8 +46,8 @@ def train_free_run(
 ) -> Trained:
     """Minimise the robust loss of the free-run error by Levenberg–Marquardt with iteratively updated weights.
 
-    A step is accepted only if the loss falls; otherwise the damping is raised. No step can therefore make a good model diverge.
-    The coefficients that did best on the held-out runs are kept.
+    A step is accepted only if the loss decreases; otherwise the damping is raised. Therefore no step can make a good model
+    diverge. The coefficients with the smallest loss on the held-out runs are kept.
     """
     current, damping = start, 1e-3
     errors = runs.errors(features @ current.T, data)
@@ -56,7 +56,7 @@ def train_free_run(
     lowest = best.history[-1]["judged"]
     for step in range(steps):
         square, inner = runs.normal_equations(features @ current.T, data)
-        weights = 1.0 / (scale + errors)  # derivative of the loss by ε
+        weights = 1.0 / (scale + errors)  # derivative of the loss with respect to ε
         square = np.einsum("ro,roij->rij", weights, square)
         inner = np.einsum("ro,roi->ri", weights, inner)
         gained = 0.0
@@ -88,7 +88,7 @@ def _entry(
     held_out: tuple[np.ndarray, TrainingSet] | None,
     scale: float,
 ) -> dict[str, float]:
-    """One entry of the history; ``judged`` is the loss that decides which coefficients are kept."""
+    """Return one entry of the history; ``judged`` is the loss that determines the kept coefficients."""
     entry = {"loss": loss, "mean": float(errors.mean()), "worst": float(errors.max()), "judged": loss}
     if held_out is not None:
         features, data = held_out
@@ -105,10 +105,10 @@ def refined_coefficients(
     steps: int,
     progress: Progress | None = None,
 ) -> Float[np.ndarray, "run coefficient"]:
-    """Refine the coefficients of every run on its own free run: maximum a posteriori around given ones, by Gauss–Newton.
+    """Refine the coefficients of every run on its free run: a maximum a posteriori around given values, by Gauss–Newton.
 
-    The standard deviation of the prior is a tenth of that of the given coefficients over the runs. The noise is the error that
-    the given coefficients leave.
+    The prior standard deviation is a tenth of the standard deviation of the given coefficients over the runs. The noise is the
+    residual error of the given coefficients.
     """
     deviation = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
     current = start
@@ -117,7 +117,7 @@ def refined_coefficients(
     for step in range(steps):
         square, inner = runs.normal_equations(current, data)
         square, inner = square.mean(axis=1) / noise, inner.mean(axis=1) / noise
-        # In units of its standard deviation the covariance of the prior is the identity, and the system is well conditioned.
+        # In units of the prior standard deviation, the prior covariance is the identity and the system is well conditioned.
         matrix = square * deviation[:, None] * deviation + np.eye(len(deviation))
         right = inner * deviation - (current - start) / deviation
         trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * deviation

@@ -1,4 +1,4 @@
-"""One-step regression of NARX coefficients: one step ahead the outputs are linear in them.
+"""One-step regression of NARX coefficients, in which one-step outputs are linear.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -16,10 +16,10 @@ from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
 from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
 
 FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
-"""Initial values of the hysteresis shape b, relative to the size of its source signal; g starts from zero."""
+"""Initial values of the hysteresis shape b, relative to the magnitude of the source signal; g starts from zero."""
 
 RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
-"""Ridges of the joint regression to try."""
+"""Ridges that are tried in the joint regression."""
 
 TRIED_RUNS = 100
 """Largest number of runs on which initial coefficients and sets of terms are compared."""
@@ -34,10 +34,10 @@ def joint_solution(
 ) -> Float[np.ndarray, "coefficient feature"]:
     """Solve the joint normal equations, scaled to a unit diagonal, with a ridge.
 
-    Σ_k w_k (G_k ⊗ ψ_kψ_kᵀ) vec A = Σ_k w_k (g_k ⊗ ψ_k), where G_k is ΦᵀΦ of the one-step regression or JᵀJ of a Gauss–Newton step.
+    Σ_k w_k (G_k ⊗ ψ_kψ_kᵀ) vec A = Σ_k w_k (g_k ⊗ ψ_k). G_k is ΦᵀΦ of the one-step regression, or JᵀJ of a Gauss–Newton step.
     """
     size, width = square.shape[1], features.shape[1]
-    # Σ_k w_k G_k ⊗ ψ_kψ_kᵀ as one product of matrices.
+    # Compute Σ_k w_k G_k ⊗ ψ_kψ_kᵀ as one matrix product.
     outer = (features[:, :, None] * features[:, None, :]).reshape(len(features), -1)
     matrix = (square * weights[:, None, None]).reshape(len(features), -1).T @ outer
     matrix = matrix.reshape(size, size, width, width).transpose(0, 2, 1, 3).reshape(size * width, size * width)
@@ -55,7 +55,7 @@ def first_coefficients(
     ridges: Sequence[float] = RIDGES,
     progress: Progress | None = None,
 ) -> Float[np.ndarray, "coefficient feature"]:
-    """Fit A by joint one-step regression; free runs of some experiments choose the hysteresis shapes and the ridge."""
+    """Fit A by joint one-step regression; free runs of some experiments determine the hysteresis shapes and the ridge."""
     recursion = runs.recursion
     tried = spread_rows(data.weights, TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
@@ -76,7 +76,7 @@ def first_coefficients(
 
 
 def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " coefficient"]:
-    """Return a coefficient vector of shapes only: b as given and g zero."""
+    """Return a coefficient vector with only shape parameters: a given b, and g = 0."""
     vector = np.zeros(recursion.size)
     vector[recursion.linear_size :: 2] = shape
     return vector
@@ -96,7 +96,7 @@ def per_experiment_solution(
 
 
 def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the coefficients of every experiment separately, one step ahead, with the initial shapes of its memories."""
+    """Fit the one-step coefficients of every experiment separately, with the initial shapes of the memories."""
     vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
     equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
     return per_experiment_solution(runs.recursion, *equations, vector)

@@ -1,4 +1,4 @@
-"""Selection of NARX terms by the free-run error of nested sets of them, over all experiments."""
+"""Selection of NARX terms by the free-run error of nested sets of terms, over all experiments."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from structid.surrogates.narx.training.one_step_regression import (
 from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
 
 MOST_CANDIDATES = 60
-"""Largest number of sets of terms that are compared by their free runs."""
+"""Largest number of sets of terms for comparison by free runs."""
 
 
 def select_terms(
     runs: FreeRun, data: TrainingSet, method: str, most: int | None, progress: Progress | None = None
 ) -> Recursion:
-    """Choose terms as in the first phase of the thesis, by the free-run error over all experiments (eqs. 2.62 to 2.66).
+    """Select terms as in the first phase of the thesis, by the free-run error over all experiments (eqs. 2.62 to 2.66).
 
-    Each experiment orders the terms by its own one-step regression and so proposes nested sets of them. Each proposed set is
-    refitted to every experiment by ordinary least squares and run freely there. The set with the smallest robust loss is kept.
+    The one-step regression of each experiment orders the terms and so proposes nested sets. Each proposed set is refitted to every
+    experiment by ordinary least squares and simulated in a free run. The set with the smallest robust loss is kept.
     """
     recursion = runs.recursion
     some = data[spread_rows(data.weights, TRIED_RUNS)]
@@ -51,7 +51,7 @@ def select_terms(
 
 
 def _proposed(square: np.ndarray, inner: np.ndarray, method: str, most: int) -> list[tuple[int, ...]]:
-    """Sets of terms proposed by the experiments, most frequent first."""
+    """Return the sets of terms proposed by the experiments, most frequent first."""
     count: dict[tuple[int, ...], int] = {}
     for gram, covariance in zip(square, inner, strict=True):
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))

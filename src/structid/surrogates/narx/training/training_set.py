@@ -1,4 +1,4 @@
-"""Experiments in scaled signals, as the training of a NARX uses them.
+"""Training experiments of a NARX, with scaled signals.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -18,11 +18,11 @@ from structid.surrogates.narx.structure.recursion import Recursion
 
 @dataclass(frozen=True, eq=False)
 class TrainingSet:
-    """Experiments in scaled signals."""
+    """Experiments with scaled signals."""
 
     x: Float[np.ndarray, "run time input"]  # Inputs
     y: Float[np.ndarray, "run time output"]  # Outputs
-    counted: Bool[np.ndarray, "run time"]  # True for samples that count: none after the end of a shorter record
+    counted: Bool[np.ndarray, "run time"]  # True for samples that are used; false after the end of a shorter record
     weights: Float[np.ndarray, " run"]  # Weight of the error of each run
 
     def __len__(self) -> int:
@@ -32,12 +32,12 @@ class TrainingSet:
         return TrainingSet(self.x[rows], self.y[rows], self.counted[rows], self.weights[rows])
 
     def alike(self) -> TrainingSet:
-        """Return the same data with equal weights."""
+        """Return a copy of the data with equal weights."""
         return replace(self, weights=np.ones(len(self)))
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """Σ (y − ȳ)² of every run and output, shape (run, output): errors are relative to it (thesis eq. 2.65)."""
+        """Σ (y − ȳ)² of every run and output, shape (run, output), the reference of errors (thesis eq. 2.65)."""
         count = self.counted.sum(axis=1)[:, None]
         y = np.where(self.counted[:, :, None], self.y, 0.0)
         square = np.sum(y**2, axis=1) - np.sum(y, axis=1) ** 2 / count
@@ -45,9 +45,9 @@ class TrainingSet:
 
     @cached_property
     def signals(self) -> Signals:
-        """All signals of a run in one array, (time + 1, input and output and 1), as `Recursion.free_loop` takes them.
+        """All signals of a run in one array, (time + 1, input and output and 1), for `Recursion.free_loop`.
 
-        The last column marks the samples that count. The last row, which does not count, is for the step beyond the record.
+        The last column marks the used samples. The last row is not used; it is for the step beyond the record.
         """
         samples = np.concatenate([self.x, self.y, self.counted[:, :, None]], axis=2)
         beyond = samples[:, -1:].copy()
@@ -63,7 +63,7 @@ def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
 
 
 def spread_rows(weights: Float[np.ndarray, " row"], most: int) -> np.ndarray:
-    """Choose rows spread over all rows, more densely where the weights are larger."""
+    """Select rows spread over all rows, more densely where weights are larger."""
     if len(weights) <= most:
         return np.arange(len(weights))
     reached = np.cumsum(weights) / np.sum(weights)
