@@ -23,7 +23,7 @@ NOISE = 0.02
 PLAN = si.Plan(true_runs=400, start=40, batch=10)
 """Batches are small, since the posteriors are so narrow that the first surrogates only locate them."""
 QUICK_SAMPLER = si.SMC(particles=60, ensembles=2, steps=6, effective_share=0.5)
-QUICK_PLAN = si.Plan(true_runs=44, start=12, batch=10, explorer=QUICK_SAMPLER)
+QUICK_PLAN = si.Plan(true_runs=44, start=12, batch=10, exploration_sampler=QUICK_SAMPLER)
 """Too few runs for a certificate; a quick run only checks that the script works."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
 REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)

@@ -22,7 +22,10 @@ def measured():
 
 def calibrated(measured, true_runs, store):
     explorer = si.SMC(particles=100, ensembles=4, steps=12, effective_share=0.5, correlation=0.5)
-    plan, sampler = si.Plan(true_runs=true_runs, explorer=explorer), replace(explorer, particles=200, steps=30)
+    plan, sampler = (
+        si.Plan(true_runs=true_runs, exploration_sampler=explorer),
+        replace(explorer, particles=200, steps=30),
+    )
     return si.calibrate(MODEL, SPACE, measured, None, "auto", plan=plan, sampler=sampler, seed=1, store=store)
 
 

@@ -18,7 +18,7 @@ from structid.certification.limits import Limits
 from structid.core.errors import InputError, StoreMismatchError
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
-PLAN = si.Plan(true_runs=200, explorer=EXPLORER)
+PLAN = si.Plan(true_runs=200, exploration_sampler=EXPLORER)
 SAMPLER = replace(EXPLORER, particles=200, steps=30)
 SMALL_BUDGET = replace(PLAN, true_runs=80)
 """Some rounds: what is to be refused uses all of its budget, and each round is compiled anew."""
@@ -249,7 +249,7 @@ def test_bad_surrogates_are_refused(how, space, model, measured):
 def test_a_surrogate_that_weights_can_mend(space, model, measured, reference):
     """Not certified; what is reported is re-weighted, and then it is the model's own posterior."""
     bad = Bad("a little too smooth")
-    many = si.Plan(true_runs=400, start=30, batch=20, certificate=150, explorer=EXPLORER)
+    many = si.Plan(true_runs=400, start=30, batch=20, certificate=150, exploration_sampler=EXPLORER)
     result = si.calibrate(model, space, measured, surrogate=bad, plan=many, sampler=SAMPLER, seed=1)
     assert result.certificate.verdict == "usable with re-weighting" and result.reweighted, str(result)
     sizes = [drawn.summary().columns["ess_bulk"] for drawn in (reference, result.sampling)]
@@ -357,7 +357,7 @@ def test_where_the_posterior_reaches_beyond_the_runs():
     [
         (dict(true_runs=38), "40 or more: 10 for the first design and 30 for a certificate"),
         (dict(start=3), "start.*10 or more"),
-        (dict(certificate=600), "explorer|true_runs"),
+        (dict(certificate=600), "exploration_sampler|true_runs"),
     ],
 )
 def test_plans_that_make_no_sense(settings, words):
@@ -441,3 +441,10 @@ def test_another_record_is_predicted_by_the_model_itself(calibrated, model):
     expected = model.simulate(result.sampling.thinned(5)[:, :2], other).values
     np.testing.assert_allclose(found.response, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     assert result.predict(draws=5).excitation == result.posterior.observations[0].record.name
+
+
+def test_the_earlier_name_of_the_exploration_sampler_gives_a_warning():
+    with pytest.warns(DeprecationWarning, match=r"Plan\(explorer=…\) is now called Plan\(exploration_sampler=…\)"):
+        plan = si.Plan(explorer=EXPLORER)
+    with pytest.warns(DeprecationWarning, match=r"Plan\.explorer is now called Plan\.exploration_sampler"):
+        assert plan.explorer is plan.exploration_sampler

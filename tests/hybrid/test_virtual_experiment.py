@@ -26,7 +26,7 @@ def test_a_posterior_by_a_surrogate_of_a_campaign():
     answer = whole.simulate(TRUTH, record).values[0]
     noise = 0.02 * answer.std(axis=0) * np.random.default_rng(1).standard_normal(answer.shape)
     observation = si.Observation(record, answer + noise, whole.channels)
-    plan = si.Plan(explorer=si.SMC(particles=100, steps=10, effective_share=0.5, correlation=0.5))
+    plan = si.Plan(exploration_sampler=si.SMC(particles=100, steps=10, effective_share=0.5, correlation=0.5))
     sampler = si.SMC(particles=200, steps=30, effective_share=0.5, correlation=0.5)
     certified = si.calibrate(whole, SPACE, observation, plan=plan, sampler=sampler, seed=1)
     exact = si.sample(si.Posterior(SPACE, whole, observation), si.SMC(particles=100, steps=30), seed=3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.error_model_choice import EXPLORER, usual_error_models
+from structid.inference.error_model_choice import CHOICE_SAMPLER, usual_error_models
 from structid.study.cost import Part, StudyCost, estimate
 from structid.study.run import load
 from structid.study.stages.error_model_stage import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
@@ -41,7 +41,7 @@ def evaluations(posterior, sampler):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [0, 1, 2])
-@pytest.mark.parametrize("sampler", [EXPLORER, si.SMC(particles=200, steps=20)])
+@pytest.mark.parametrize("sampler", [CHOICE_SAMPLER, si.SMC(particles=200, steps=20)])
 def test_a_tempering_takes_about_as_many_densities_as_it_says(tmp_path, law, sampler):
     posterior = written(tmp_path, SMALL).posterior
     posterior = posterior.on(error_model=usual_error_models(posterior.model)[law])

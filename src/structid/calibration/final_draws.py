@@ -14,7 +14,7 @@ from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_s
 from structid.core.hashing import digest
 from structid.core.journal import Journal
 from structid.core.progress import Progress
-from structid.inference.diagnostics.second_sampler import EXPLORER, LONGEST, Representation, check_representation
+from structid.inference.diagnostics.second_sampler import LONGEST, SECOND_SAMPLER, Representation, check_representation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.base import Sampler
@@ -120,7 +120,7 @@ def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler, SMC]
     """Samplers to try, each with the name of its store and a second sampler; longer runs continue in the same store."""
     if sampler is None:
         return [(f"chains_{number}", one, replace(one, scouts=0)) for number, one in enumerate(MORE_CAREFUL)]
-    return [("chains", _longer(sampler, times), EXPLORER) for times in LONGER]
+    return [("chains", _longer(sampler, times), SECOND_SAMPLER) for times in LONGER]
 
 
 def _longer(sampler: Sampler, times: int) -> Sampler:

@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.certification.limits import Limits
 from structid.core.errors import InputError
+from structid.core.renamed import renamed_argument, renamed_attribute
 from structid.core.validation import check_arguments
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.smc.smc import SMC
@@ -32,6 +33,7 @@ FEWEST_IN_A_BATCH = 4
 """Smallest batch that makes a round before the last certificate."""
 
 
+@renamed_argument(explorer="exploration_sampler")
 @check_arguments
 @dataclass(frozen=True)
 class Plan:
@@ -55,7 +57,7 @@ class Plan:
         Reach of the first design relative to the prior, in normal scores.
     limits : Limits
         Limits that the certificate must meet.
-    explorer : SMC
+    exploration_sampler : SMC
         Sampler that explores the surrogate's posterior in each round.
 
     Examples
@@ -72,18 +74,20 @@ class Plan:
     certificate: int = 30
     widen: float = 1.0
     limits: Limits = field(default_factory=Limits)
-    explorer: SMC = field(
+    exploration_sampler: SMC = field(
         default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
     )
+
+    explorer = renamed_attribute("explorer", "exploration_sampler")
 
     def __post_init__(self) -> None:
         for name, least in (("start", FEWEST), ("batch", 4), ("certificate", 20)):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"calibrate({name})", f"{value!r}", f"a whole number, {least} or more")
-        drawn = self.explorer.particles * self.explorer.ensembles
+        drawn = self.exploration_sampler.particles * self.exploration_sampler.ensembles
         if drawn < 2 * self.certificate:
-            raise InputError("calibrate(explorer)", f"{drawn} particles", f"{2 * self.certificate} or more")
+            raise InputError("calibrate(exploration_sampler)", f"{drawn} particles", f"{2 * self.certificate} or more")
         self._check_budget()
 
     def _check_budget(self) -> None:
@@ -164,5 +168,5 @@ class Plan:
             "batch": self.batch,
             "certificate": self.certificate,
             "widen": self.widen,
-            "explorer": {**self.explorer.describe(), "steps": self.explorer.steps},
+            "explorer": {**self.exploration_sampler.describe(), "steps": self.exploration_sampler.steps},
         }

@@ -336,7 +336,7 @@ class _Loop:
         blocks: list[Block] = []
         progress = self._progress_of("exploring its posterior")
         under, seed = self.posterior.on(surrogate), derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
-        self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), progress)
+        self.plan.exploration_sampler.run(under, seed, None, [], lambda _index, block: blocks.append(block), progress)
         return Exploration(under, surrogate, blocks)
 
     def _final_draws(self, number: int, surrogate: Surrogate, training: int, sure: bool) -> FinalDraws:

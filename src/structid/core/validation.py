@@ -34,7 +34,7 @@ KINDS = {
     "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
     "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
     "Limits": ("confidence_of", "a structid.Limits such as Limits(mean=0.05)"),
-    "Plan": ("explorer", "a structid.Plan such as Plan(true_runs=300)"),
+    "Plan": ("exploration_sampler", "a structid.Plan such as Plan(true_runs=300)"),
     "Runs": ("design", "a structid.Runs, the result of a Campaign"),
 }
 """For each annotation: an attribute that identifies the objects, and a description of a valid argument."""

@@ -33,7 +33,7 @@ from structid.probability.space import ParameterSpace
 AUTO = "auto"
 """Value in place of an error model: the evidence selects the error model."""
 
-EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
+CHOICE_SAMPLER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
 """Sampler of the posterior under each error model."""
 
 ERRORS_APART = 2.0
@@ -150,7 +150,7 @@ def choose_error_model(
     observations: Observation | Sequence[Observation],
     error_models: Sequence[ErrorModel] | None = None,
     *,
-    sampler: SMC = EXPLORER,
+    sampler: SMC = CHOICE_SAMPLER,
     seed: int = 0,
     map: Map | None = None,
     progress: Progress | None = None,
@@ -203,7 +203,7 @@ def choose_error_model(
 def choose_among(
     posterior: Posterior,
     error_models: Sequence[ErrorModel] | None = None,
-    sampler: SMC = EXPLORER,
+    sampler: SMC = CHOICE_SAMPLER,
     seed: int = 0,
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,

@@ -11,7 +11,7 @@ import numpy as np
 from structid.calibration.plan import Plan
 from structid.core.errors import InputError, Status
 from structid.core.streams import Purpose, stream
-from structid.inference.error_model_choice import EXPLORER, usual_error_models
+from structid.inference.error_model_choice import CHOICE_SAMPLER, usual_error_models
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Sampler
 from structid.study.building.built_study import BuiltStudy
@@ -251,7 +251,7 @@ def _choice(under: Sequence[Posterior]) -> list[Part]:
     if not under:
         return []
     tried = [of for of in under if of.in_lanes or not of.error_model.inside]
-    return [Part("Choosing the error model", sum(_sampling(of, EXPLORER).seconds for of in tried))]
+    return [Part("Choosing the error model", sum(_sampling(of, CHOICE_SAMPLER).seconds for of in tried))]
 
 
 def _sampling(posterior: Posterior, sampler: Sampler) -> Part:

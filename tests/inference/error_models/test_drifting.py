@@ -134,5 +134,5 @@ def test_ranks_of_parameters_that_do_drift_are_uniform():
     )
     law = si.Drifting(every=2.0, errors=si.IID(variance=float(0.1 * CLEAN.std()) ** 2))
     explorer = si.SMC(particles=80, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
-    ranks = si.sbc(si.Posterior(space, model, si.Observation(RECORD, CLEAN), law), 100, seed=1, explorer=explorer)
+    ranks = si.sbc(si.Posterior(space, model, si.Observation(RECORD, CLEAN), law), 100, seed=1, sampler=explorer)
     assert ranks.uniform, str(ranks)

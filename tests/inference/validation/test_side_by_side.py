@@ -111,8 +111,10 @@ def test_wide_priors_are_no_mistake(measured, recwarn):
         stiffness=si.LogNormal(log_mean=float(np.log(40.0)), log_sd=1.5, unit="kN/mm"),
         gamma_ratio=si.Uniform(-1.0, 1.0),
     )
-    plan = si.Plan(true_runs=60, explorer=si.SMC(particles=80, steps=8, effective_share=0.5, correlation=0.5))
-    si.calibrate(model, space, si.Observation(record, y), plan=plan, sampler=plan.explorer, seed=1)
+    plan = si.Plan(
+        true_runs=60, exploration_sampler=si.SMC(particles=80, steps=8, effective_share=0.5, correlation=0.5)
+    )
+    si.calibrate(model, space, si.Observation(record, y), plan=plan, sampler=plan.exploration_sampler, seed=1)
     assert not [
         w for w in recwarn if issubclass(w.category, StructidWarning) and "times the measured" in str(w.message)
     ]

@@ -32,14 +32,14 @@ def posterior(pieces, law):
 def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
     variance = pieces[-1]
     law = si.IID(variance=si.LogNormal(mean=variance, sd=0.3 * variance))
-    found = si.sbc(posterior(pieces, law), REPLICAS, seed=1, explorer=EXPLORER)
+    found = si.sbc(posterior(pieces, law), REPLICAS, seed=1, sampler=EXPLORER)
     assert found.uniform and found.names == ("stiffness", "gamma_ratio", "sigma2", "log-likelihood")
     # Within 4 binomial standard deviations.
     for probability in (0.5, 0.9):
         sd = np.sqrt(probability * (1 - probability) / REPLICAS)
         assert (np.abs(found.coverage(probability) - probability) < 4 * sd).all(), str(found)
     assert "Calibrated" in str(found) and "90 % holds" in str(found)
-    again = si.sbc(posterior(pieces, law), REPLICAS, seed=1, explorer=EXPLORER)
+    again = si.sbc(posterior(pieces, law), REPLICAS, seed=1, sampler=EXPLORER)
     np.testing.assert_array_equal(again.ranks, found.ranks)
 
 
@@ -47,7 +47,7 @@ def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
 def test_correlated_noise_taken_for_independent_is_found_out(pieces):
     variance = pieces[-1]
     noise = si.AR1(variance=variance, white=0.0, correlation_time=0.1)
-    found = si.sbc(posterior(pieces, si.IID(variance=variance)), REPLICAS, seed=2, explorer=EXPLORER, noise=noise)
+    found = si.sbc(posterior(pieces, si.IID(variance=variance)), REPLICAS, seed=2, sampler=EXPLORER, noise=noise)
     assert not found.uniform and found.coverage(0.9).min() < 0.75
     assert "NOT CALIBRATED" in str(found) and "too narrow" in found.verdict
 
@@ -59,8 +59,8 @@ def test_a_surrogate_is_put_to_the_test_with_the_model_behind_it(pieces):
     few = si.PODKriging(limit=1.0, outside="allow").fit(
         si.Campaign(model, observation.record, space.sample(12, seed=1)).run()
     )
-    blind = si.sbc(true.on(few), 60, seed=3, explorer=EXPLORER)
-    seeing = si.sbc(true.on(few), 60, seed=3, explorer=EXPLORER, simulator=model)
+    blind = si.sbc(true.on(few), 60, seed=3, sampler=EXPLORER)
+    seeing = si.sbc(true.on(few), 60, seed=3, sampler=EXPLORER, simulator=model)
     assert blind.uniform and not seeing.uniform, f"{blind}\n{seeing}"
 
 
@@ -136,7 +136,7 @@ def test_a_likelihood_that_does_not_see_the_data_is_found_out(pieces):
     """Its posterior is the prior, so that the ranks of every parameter are uniform."""
     variance = pieces[-1]
     blind = posterior(pieces, si.IID(variance=1e6 * variance))
-    found = si.sbc(blind, 60, seed=4, explorer=EXPLORER, noise=si.IID(variance=variance))
+    found = si.sbc(blind, 60, seed=4, sampler=EXPLORER, noise=si.IID(variance=variance))
     assert (found.p_values[:-1] > 0.01).all() and found.p_values[-1] < 1e-6
     assert not found.uniform and "log-likelihood of the truth" in found.verdict
 

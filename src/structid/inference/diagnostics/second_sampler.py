@@ -44,7 +44,7 @@ ERRORS = 3.0
 """Standard errors beyond the tolerance at which two samplers disagree."""
 PARTICLES = 2000
 """Draws used by the second sampler."""
-EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
+SECOND_SAMPLER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
 """The second sampler."""
 LONGEST = 16
 """Factor on the second sampler's steps in a second attempt after a disagreement; the first half of them is discarded."""
@@ -101,7 +101,7 @@ def check_representation(
     draws: Float[np.ndarray, "step ensemble walker parameter"],
     known: Float[np.ndarray, "point parameter"],
     seed: int,
-    explorer: SMC = EXPLORER,
+    sampler: SMC = SECOND_SAMPLER,
     evidence: Evidence | None = None,
     longest: int = LONGEST,
 ) -> Representation:
@@ -113,7 +113,7 @@ def check_representation(
     reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
     again = derived_seed(seed, Purpose.BESIDE)
     for times in dict.fromkeys((1, longest)):  # after a disagreement, the second sampler may be wrong
-        longer = replace(explorer, steps=times * explorer.steps)
+        longer = replace(sampler, steps=times * sampler.steps)
         second = longer.run(reference, again, None, [], lambda _index, _block: None)
         comparison = _compared(
             target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence

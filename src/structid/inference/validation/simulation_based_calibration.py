@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 from structid.core.errors import ConvergenceError, InputError
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
+from structid.core.renamed import renamed_argument
 from structid.core.streams import Purpose, stream
 from structid.core.units import label
 from structid.core.validation import check_arguments
@@ -32,7 +33,7 @@ from structid.models.base import Model
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
+REPLICA_SAMPLER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
 """Sampler of each replica; the replicas are tempered together."""
 TELLING = 2.5
 """Standard errors above which ranks are called shifted, too wide or too narrow."""
@@ -206,13 +207,14 @@ def _how_wrong(places: np.ndarray) -> str:
     return "too narrow" if spread > 0.0 else "too wide"
 
 
+@renamed_argument(explorer="sampler")
 @check_arguments
 def sbc(
     posterior: Posterior,
     replicas: int = 200,
     *,
     seed: int = 0,
-    explorer: SMC = EXPLORER,
+    sampler: SMC = REPLICA_SAMPLER,
     simulator: Model | None = None,
     noise: Discrepancy | None = None,
     progress: Progress | None = None,
@@ -231,7 +233,7 @@ def sbc(
         Number of replicas.
     seed : int
         Seed.
-    explorer : SMC
+    sampler : SMC
         Sampler of each replica.
     simulator : Model, optional
         Model that simulates the measurements; by default the posterior's own model. Give the original model of a surrogate to
@@ -264,7 +266,7 @@ def sbc(
     truth, values = _simulated(posterior, replicas, seed, simulator, noise)
     target = ReplicatedPosterior(posterior, values)
     blocks: list[Block] = []
-    drawn = replace(explorer, ensembles=replicas, scouts=0).run(
+    drawn = replace(sampler, ensembles=replicas, scouts=0).run(
         target, seed, None, [], lambda _index, block: blocks.append(block), progress
     )
     theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)
@@ -275,12 +277,12 @@ def sbc(
     ranks = (drawn_of_all[-1] < truth_of_all[:, None, :]).sum(axis=1)
     # Five of the steps, since particles of neighbouring steps are nearly the same.
     some = (
-        drawn_of_all[:: max(1, explorer.steps // 5)]
+        drawn_of_all[:: max(1, sampler.steps // 5)]
         .transpose(1, 0, 2, 3)
         .reshape(replicas, -1, len(posterior.names) + 1)
     )
     names, units = (*posterior.names, LOG_LIKELIHOOD), (*posterior.units.values(), "")
-    return Ranks(names, units, truth_of_all, some, ranks, explorer.particles)
+    return Ranks(names, units, truth_of_all, some, ranks, sampler.particles)
 
 
 def _simulated(

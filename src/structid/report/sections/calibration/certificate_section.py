@@ -28,7 +28,7 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     return [
         what_was_asked(certificate),
         what_was_bounded(certificate),
-        *_second_explorer(material.calibration.representation),
+        *_second_sampler(material.calibration.representation),
         Table("Rounds", (heads, [_round(r) for r in material.calibration.rounds])),
     ]
 
@@ -49,7 +49,7 @@ def what_was_bounded(certificate: Certificate) -> Table:
     )
 
 
-def _second_explorer(found: Representation | None) -> list[Table]:
+def _second_sampler(found: Representation | None) -> list[Table]:
     """Tables of the agreement between the draws and a second sampler."""
     if found is None:
         return []
