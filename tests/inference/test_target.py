@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 import structid as si
-from structid.inference.sampling.transformed_density import InCoordinates
+from structid.inference.sampling.transformed_target import TransformedTarget
 from structid.inference.target import LogDensity
 
 
@@ -54,7 +54,7 @@ def test_a_density_in_the_coordinates_of_another():
 
     own = LogDensity(density, "ab", prior, {"b": (0.0, np.inf)})
     other = LogDensity(density, "ab", prior, {"a": (-5.0, 5.0)})
-    moved = InCoordinates(own, other.bijection)
+    moved = TransformedTarget(own, other.bijection)
     phi = moved.initial(5, np.random.default_rng(0))
     theta, jacobian = other.bijection(phi)
     np.testing.assert_allclose(moved.evaluate(phi)[0], density(theta) + jacobian, rtol=1e-12)

@@ -21,7 +21,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.moves import EnsembleState, IndependenceProposal, Moves, halves, move_walkers
 from structid.inference.sampling.starting_points import tempered_draws
-from structid.inference.sampling.transformed_density import InCoordinates
+from structid.inference.sampling.transformed_target import TransformedTarget
 from structid.inference.target import Target
 from structid.models.base import Model
 
@@ -230,7 +230,7 @@ class DelayedAcceptance(Sampler):
                 f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
             )
         same = approximation.bijection == target.bijection
-        return approximation if same else InCoordinates(approximation, target.bijection)
+        return approximation if same else TransformedTarget(approximation, target.bijection)
 
     def _start(
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None

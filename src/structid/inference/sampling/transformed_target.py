@@ -10,7 +10,7 @@ from structid.inference.target import Target
 from structid.probability.bijections import Bijection
 
 
-class InCoordinates(Target):
+class TransformedTarget(Target):
     """A density in the unconstrained coordinates of another target of the same parameters.
 
     Two targets whose parameters differ in bounds or scales map the same φ to different θ. A sampler that uses both
