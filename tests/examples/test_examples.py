@@ -119,9 +119,8 @@ def test_the_solver_in_c_is_compiled_and_agrees_with_ours(tmp_path):
 
 def test_the_opensees_model_runs_and_is_near_ours(tmp_path):
     pytest.importorskip("openseespy.opensees", reason="OpenSeesPy is not here, or cannot be loaded")
-    runs = run_study(
-        copied("opensees_oscillator", tmp_path, 6) / "study.toml", tmp_path / "out", executor="processes"
-    ).runs
+    study = copied("opensees_oscillator", tmp_path, 6) / "study.toml"
+    runs = run_study(study, tmp_path / "out", executor="processes").results[Runs]
     assert runs.done.all(), runs.reasons
     # Its material integrates z by backward Euler: of first order in the step, so near and not equal.
     difference = runs.values - built_in(runs).values

@@ -99,7 +99,7 @@ def test_numbered_and_common_parameters(short_record):
 
 
 def test_bad_frames_are_refused():
-    with pytest.raises(InputError, match="2 of them"):
+    with pytest.raises(InputError, match="2 numbers"):
         si.ShearFrame(storeys=2, mass=[1.0, 2.0, 3.0], stiffness=1.0, **LAW)
     with pytest.raises(InputError, match="stiffness"):
         si.ShearFrame(storeys=2, mass=1.0, **LAW)
