@@ -264,7 +264,7 @@ def main() -> None:
     box, told = box_rows(record, 16 if quick else 10_000)
     surrogates = surrogate_rows(record, (40,) if quick else (300, 900), 10 if quick else 100)
     heads = {
-        "cost": ["2.5 s at 1 ms", "CPU s/run", "elapsed s/run", "speed-up over the source", "limit (stretch goal)"],
+        "cost": ["2.5 s at 1 ms", "CPU s/run", "elapsed s/run", "speed-up over the thesis", "limit (stretch goal)"],
         "set up": ["", "empty cache [s]", "warm cache [s]"],
         "growth": ["blocks", "joints", "CPU ms per step"],
         "box": ["drift [mm]", "exceeded", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
@@ -286,7 +286,7 @@ runs at once on one core.
 
 {common.markdown_table(heads["growth"], growth)}
 
-**The source's ranges** of four parameters are sampled by Latin hypercube. {told}
+**The prior ranges of the thesis** for four parameters are sampled by Latin hypercube. {told}
 
 {common.markdown_table(heads["box"], box)}
 

@@ -286,9 +286,9 @@ def main() -> None:
 `benchmarks/facade_calibration.py`. {common.machine()}.
 
 Virtual experiments under El Centro (2.5 s, 753 values) give three displacements with 2 % noise. The true parameters are spread
-evenly over the source's ranges. `si.calibrate` uses POD-Kriging in transformed coordinates and at most 400 model runs: 40 in the
-first design, 10 per round, and 30 for the certificate. The 95 % region is the ellipsoid of the draws in normal scores of the
-prior. The truth is inside in {inside} of {len(right)} experiments (limit 9 of 10).
+evenly over the prior ranges of the thesis. `si.calibrate` uses POD-Kriging in transformed coordinates and at most 400 model runs:
+40 in the first design, 10 per round, and 30 for the certificate. The 95 % region is the ellipsoid of the draws in normal scores of
+the prior. The truth is inside in {inside} of {len(right)} experiments (limit 9 of 10).
 
 {common.markdown_table(HEADS, right)}
 

@@ -278,9 +278,10 @@ def main() -> None:
 `benchmarks/honesty.py`. {common.machine()}.
 
 **Simulation-based calibration** (`si.sbc`): an oscillator of 1 Hz with three unknown parameters, 10 s of a stochastic record at
-0.01 s, noise of 10 % of the RMS. Each of {replicas} measurements is simulated with parameters from the prior, and calibrated. The
-ranks of the true parameters are uniform at the 1 % level if the likelihood matches the noise. They are not if the noise is AR(1)
-with φ = {PHI} and the likelihood assumes independent errors ([figures](../../figures/sbc_3.png)).
+0.01 s, noise of 10 % of the RMS. Each of {replicas} measurements is simulated with parameters from the prior, and calibrated. If
+the likelihood matches the noise, a test at the 1 % level does not reject that the ranks of the true parameters are uniform. It
+rejects this if the noise is AR(1) with φ = {PHI} and the likelihood assumes independent errors
+([figures](../../figures/sbc_3.png)).
 
 {common.markdown_table(heads, ranks)}
 

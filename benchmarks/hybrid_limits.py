@@ -159,12 +159,13 @@ the peak is {correction}.
 
 Couplings: "radius" is the largest spectral radius for Δt of 10⁻³ to 100 fundamental periods. The decay ζω/(ω_P (ω_P Δt)³) is given
 for an undamped structure at ω_P Δt = 0.3 with a specimen softened to 0.3 and 0.01 of K₀; negative values mean growth. The last
-column is the damping that Δt = T₁/40 adds to 3 % in the first mode:
+column is the numerical damping of the first mode at Δt = T₁/40, in addition to the structural damping of 3 %:
 
 {common.markdown_table(["coupling", "radius − 1", "decay at 0.3 K₀", "decay at 0.01 K₀", "damping [%]"], results["stability"])}
 
 Online filter (one run of the packaged programme): at the end of test #3, its six parameters differ from the certified posterior of
-the same tests by 0.4 to 3.7 of the filter's standard deviations. The one parameter beyond three is reported as overconfident.
+the same tests by 0.4 to 3.7 of the filter's standard deviations. The filter is reported as overconfident for the parameter that
+differs by more than three.
 
 Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
 killed, specimen suspended and resumed, answer not finite, cable unplugged, answer late, disk full. In all 140 cases no finished

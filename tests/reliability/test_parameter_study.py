@@ -52,7 +52,7 @@ def test_a_product_needs_a_coordinate() -> None:
 
 def test_too_few_passages_are_refused() -> None:
     passages, _ = tossed(12, 0.0, 5)
-    with pytest.raises(si.InputError, match="of 12 runs passed"):
+    with pytest.raises(si.InputError, match="of 12 runs passed the limit"):
         si.passage_probability(passages)
 
 

@@ -145,7 +145,7 @@ def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.ra
 
 
 def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: np.ndarray) -> Batch:
-    """Batch of fresh draws, given in unconstrained coordinates, and further points."""
+    """Return a batch of the fresh draws `phi`, given in unconstrained coordinates, and of the additional points `others`."""
     theta, _ = explored.posterior.bijection(phi)
     density = explored.log_density(phi) if len(phi) else np.empty(0)
     return Batch(theta, density, shares, others, explored.draws(), explored.highest)

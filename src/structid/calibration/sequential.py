@@ -153,9 +153,9 @@ def calibrate(
     if error_model is not None and error_model.inside:
         raise InputError(
             "calibrate(discrepancy)",
-            f"{error_model.describe()['kind']}, whose errors are inside the model",
+            f"{error_model.describe()['kind']}, which varies the model's parameters in time",
             "errors that are added to the response: iid, ar1, matern32, damped_cosine",
-            "A surrogate does not include these errors. Sample the model itself: structid.sample, or a study without a surrogate.",
+            "A surrogate cannot include this drift. Sample the model itself: structid.sample, or a study without a surrogate.",
         )
     with kept_open(model, executor) as workers:
         loop = _Loop(

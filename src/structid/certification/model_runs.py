@@ -43,7 +43,7 @@ class ModelRuns:
 
     @property
     def design(self) -> Design:
-        """Every point on every record, one after another."""
+        """Design of the model runs: every point, repeated once per record."""
         return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
 
     @property

@@ -99,7 +99,7 @@ def factor(unit: str) -> float:
 
 
 def si_unit(unit: str) -> str:
-    """Return the SI unit with the dimension of a unit."""
+    """Return the SI unit that has the same dimension as the given unit."""
     if _si_quantity(unit).dimensionless:
         return ""
     registry = _registry()

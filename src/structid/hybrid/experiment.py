@@ -56,8 +56,8 @@ class HybridTest:
     time_scale : float
         λ, ratio of wall time to simulated time.
     coupling : Coupling, optional
-        Default: `PrakashHjelmstad` without substeps. A coarse specimen moves by ramp and hold, or by its own ramp if it accepts
-        one position per move. A fine specimen moves continuously; a fine step takes λ Δt/ss, a whole number of controller steps.
+        Default: `PrakashHjelmstad` without substeps. On the coarse step, the specimen moves by ramp and hold, or by its own
+        ramp if it accepts one position per move. On the fine step λ Δt/ss, it moves continuously, in whole controller steps.
     compensation : Compensation, optional
         Compensation of the delay of the transfer system.
     physical : Substructure, optional

@@ -42,7 +42,7 @@ class ParameterStudy(ShownAsText):
     inside : ndarray of bool, shape (run,)
         True for the runs in that part.
     probabilities : tuple of PassageProbability or None
-        Passage probability for each limit; None if too few runs passed or too few did not.
+        Passage probability for each limit; None if too few runs passed the limit, or too few did not.
     sensitivities : mapping of str to Sensitivity
         Sensitivity of the largest absolute value, by channel.
     """
@@ -76,7 +76,7 @@ class ParameterStudy(ShownAsText):
         -------
         list of str
             Ordered by |AUC − ½|, where AUC is the area under the receiver operating characteristic curve: the probability
-            that the value is larger in a run that passed than in a run that did not.
+            that the value is larger in a run that passed the limit than in a run that did not.
         """
         from sklearn.metrics import roc_auc_score
 

@@ -22,7 +22,7 @@ PENALTIES = (1e-1, 1e1, 1e3)
 FOLDS = 5
 """Number of folds of the cross-validation."""
 LEAST = 10
-"""Minimum number of runs that pass, and of runs that do not."""
+"""Minimum number of runs that pass the limit, and of runs that do not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class PassageProbability(ShownAsText):
     degree : int
         Degree of the polynomial.
     log_loss, base_log_loss : float
-        Mean of −log P of the observed outcomes in cross-validation, and its value for a constant P, the fraction of passages.
+        Mean of −log P of the observed outcomes in cross-validation; its value if P is always the fraction of passages.
     accuracy, base_accuracy : float
         Fraction of runs classified correctly in cross-validation, and the fraction of runs with the more frequent outcome.
     """
@@ -123,7 +123,7 @@ def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) ->
     Raises
     ------
     InputError
-        If fewer than ten runs passed, or fewer than ten did not.
+        If fewer than ten runs passed the limit, or fewer than ten stayed within it.
 
     Examples
     --------
@@ -135,8 +135,8 @@ def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) ->
     if fewer < LEAST:
         raise InputError(
             "passage_probability",
-            f"{passed.sum()} of {len(passed)} runs passed",
-            f"at least {LEAST} runs that passed and {LEAST} runs that did not",
+            f"{passed.sum()} of {len(passed)} runs passed the limit",
+            f"at least {LEAST} runs that passed it and {LEAST} runs that did not",
             "Choose another limit, or add runs.",
         )
     space = passages.design.space

@@ -24,7 +24,7 @@ PAIRS = 2000
 class Passages(ShownAsText):
     """First passages of a limit over a design of runs.
 
-    The passage time of a run that did not pass is *longer* than its observation time, but otherwise unknown. Such a run is
+    The passage time of a run without a passage is *longer* than its observation time, but otherwise unknown. Such a run is
     censored, and no number may replace its passage time.
 
     Parameters
@@ -64,19 +64,19 @@ class Passages(ShownAsText):
 
     @property
     def passed(self) -> np.ndarray:
-        """True for each run that passed, shape (run,)."""
+        """True for each run that passed the limit, shape (run,)."""
         return np.asarray(np.isfinite(self.time))
 
     @property
     def share(self) -> tuple[float, float]:
-        """Fraction of the runs that passed, and its Monte-Carlo error √(p (1 − p) / n)."""
+        """Fraction of the runs that passed the limit, and its Monte-Carlo error √(p (1 − p) / n)."""
         begun = self.passed | (self.followed > 0.0)
         p = float(self.passed[begun].mean())
         return p, float(np.sqrt(p * (1.0 - p) / begun.sum()))
 
     @property
     def censored(self) -> np.ndarray:
-        """Passage time of each run, or its observation time if it did not pass [s], shape (run,)."""
+        """Passage time of each run, or its observation time if it has no passage [s], shape (run,)."""
         return np.where(self.passed, self.time, self.followed)
 
     def distribution(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

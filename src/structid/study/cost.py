@@ -213,7 +213,7 @@ def _rounds_of(study: BuiltStudy) -> tuple[int, int]:
 
 
 def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
-    """StudyCost of fitting and sampling surrogates in all rounds, scaled from the benchmark study."""
+    """Cost of fitting and sampling surrogates in all rounds, scaled from the benchmark study."""
     longer = sum(len(o.record) * len(o.channels) for o in study.sampled.observations) / BENCHMARK_SAMPLES
     # If a surrogate is not good enough after the usual rounds, its posterior is wide, and every step takes longer.
     harder = max(1.0, rounds / (USUAL_ROUNDS + 1))
@@ -247,7 +247,7 @@ def _under_usual_error_models(study: BuiltStudy) -> list[Posterior]:
 
 
 def _choice(under: Sequence[Posterior]) -> list[Part]:
-    """StudyCost of choosing the error model, with one sampling run per error model."""
+    """Cost of choosing the error model, with one sampling run per error model."""
     if not under:
         return []
     tried = [of for of in under if of.in_lanes or not of.error_model.inside]
@@ -255,7 +255,7 @@ def _choice(under: Sequence[Posterior]) -> list[Part]:
 
 
 def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
-    """StudyCost of sampling a posterior, including the initial and the discarded draws."""
+    """Cost of sampling a posterior, including the initial and the discarded draws."""
     evaluations = sampler.evaluations(posterior.dimension)
     together = sampler.ensembles * sampler.walkers
     phi = posterior.initial(
@@ -277,7 +277,7 @@ def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:
 
 
 def _searches(study: BuiltStudy) -> Iterator[Part]:
-    """StudyCost of deterministic searches: model runs, and linearisations at all starts together."""
+    """Cost of each deterministic search: its model runs, and its linearisations at all starting points."""
     misfit, starts = study.sampled.misfit, study.file.deterministic.starts
     theta = study.space.sample(starts, seed=study.file.seed).columns(misfit.names)
     for method in study.search_methods:

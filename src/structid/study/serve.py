@@ -1,4 +1,4 @@
-"""A study over UM-Bridge: its model as "forward", its log posterior density as "posterior"."""
+"""Models of a study for a UM-Bridge server: its model has the name "forward", its log posterior density "posterior"."""
 
 from __future__ import annotations
 

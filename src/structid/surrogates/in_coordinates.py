@@ -1,4 +1,4 @@
-"""Regressions in the coordinates of a parameter space, functions of the parameters that simplify the outputs."""
+"""Regressions in coordinates of a parameter space: functions of the parameters on which the outputs depend more simply."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_what_cannot_drift_is_refused():
         si.Drifting(every=si.Uniform(1.0, 2.0))
     with pytest.raises(InputError, match=r"puts 4000 knots in a record of 4 s.*0.04 s or more"):
         posterior(si.Drifting(every=0.001))
-    with pytest.raises(InputError, match=r"errors are inside the model.*Sample the model itself"):
+    with pytest.raises(InputError, match=r"varies the model's parameters in time.*Sample the model itself"):
         si.calibrate(MODEL, SPACE, si.Observation(RECORD, CLEAN), discrepancy=si.Drifting())
 
 

@@ -188,7 +188,7 @@ class _Bound:
 
 
 def _row_length(runs: int) -> int:
-    """Return the length in memory of a row with one number per run.
+    """Return the padded length of a row that holds one number per run.
 
     The length is an odd number of cache lines, because rows at power-of-two distances would evict each other from the cache.
     """

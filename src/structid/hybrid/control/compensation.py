@@ -167,10 +167,10 @@ class AdaptiveTimeSeries(Compensation):
     """A Taylor series whose coefficients are estimated during the test: c = a₀ u + a₁ u′ + ½ a₁² u″.
 
     In a moving window, a₀ and a₁ fit past commands to measured displacements and their rates by least squares. The original form
-    is sensitive to noise: with 5 µm at λ = 10 it estimates 5 ms instead of 29 ms. Commands and measurements therefore pass the
-    same causal Butterworth filter, whose delay cancels. The coefficient of u″ follows from a₁, and windows and filters are in
-    *simulated* time. u′ and u″ are derivatives of the cubic through four values at the spacing of the measured delay. Differences
-    of controller steps would turn the small jumps at the end of coarse steps into spikes.
+    is sensitive to noise: with 5 µm at λ = 10 it estimates 5 ms instead of 29 ms. Commands and measurements therefore pass
+    through the same causal Butterworth filter, whose delay cancels in the fit. The coefficient of u″ follows from a₁, and windows
+    and filters are in *simulated* time. u′ and u″ are derivatives of the cubic through four values at the spacing of the measured
+    delay. Differences of controller steps would turn the small jumps at the end of coarse steps into spikes.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:
-    """Motion with a ramp and a hold, for a coarse specimen."""
+    """Motion with a ramp and a hold, for a specimen on the coarse step."""
     count = controller_steps(wall_time, controller_step, "a step of the specimen")
     if count < LEAST_OF_A_RAMP:
         came = f"{wall_time:g} s of wall time, or {count} controller steps"

@@ -177,7 +177,7 @@ class Joined(ABC):
 def splittings(
     numerical: Substructure, physical: Substructure, dt: float, coupling: Coupling, alpha: float = 0.0
 ) -> tuple[OperatorSplitting, OperatorSplitting]:
-    """Operator splittings of the coarse and the fine part, with the signs of L."""
+    """Operator splittings of the coarse and the fine part; L is positive for the numerical and negative for the physical part."""
     rows = len(numerical.interface), len(physical.interface)
     if rows[0] != rows[1] or rows[0] == 0:
         raise InputError(

@@ -42,8 +42,8 @@ class PrakashHjelmstad(Coupling):
     substeps : int
         ss, number of fine steps in a coarse step.
     fine : {"numerical", "physical"}
-        Part that takes the fine steps. A fine specimen moves continuously, one controller step at a time. A coarse specimen
-        moves by ramp and hold.
+        Part that takes the fine steps. A specimen on the fine step moves continuously, one controller step at a time. On the coarse
+        step it moves by ramp and hold.
     alpha : float
         α from −1/3 to 0; negative values damp high frequencies.
 

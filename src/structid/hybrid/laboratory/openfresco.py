@@ -34,7 +34,7 @@ COMMAND, COMMIT, ACQUIRE, DIE = 3.0, 5.0, 6.0, 99.0
 CONNECTING = 5.0
 """Time limit for a connection [s]."""
 SILENCE = 1.0
-"""Largest time from the end of a move to its answer [s]."""
+"""Longest allowed time from the end of a move to its answer [s]."""
 LOOPBACKS = ("127.0.0.1", "::1", "localhost")
 
 
@@ -52,7 +52,7 @@ class OpenFrescoSpecimen(Specimen):
     description : SpecimenDescription
         Description of the specimen, which the protocol does not send. Its limits are checked before a command is sent.
     silence : float
-        Largest time from the end of a move to its answer [s]; after it, the test ends.
+        Longest allowed time from the end of a move to its answer [s]; if the answer comes later, the test ends.
     unprotected : bool
         Whether another machine is allowed; for networks with trusted users only.
 

@@ -28,7 +28,7 @@ from structid.hybrid.laboratory.wire import (
 )
 
 SILENCE = 0.05
-"""Largest time from the end of a move to its answer [s]."""
+"""Longest allowed time from the end of a move to its answer [s]."""
 CONNECTING = 5.0
 """Time limit for a connection and a greeting [s]."""
 
@@ -47,7 +47,7 @@ class RemoteSpecimen(Specimen):
     secret : str or bytes
         Secret shared with the server, 16 bytes or more.
     silence : float
-        Largest time from the end of a move to its answer [s]; after it, the test ends.
+        Longest allowed time from the end of a move to its answer [s]; if the answer comes later, the test ends.
 
     Examples
     --------

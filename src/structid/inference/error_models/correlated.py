@@ -123,7 +123,7 @@ class Correlated(Discrepancy):
     def _system(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, numpy: Any
     ) -> tuple[Matrix, Matrix, list[Any], Any]:
-        """F, Q, the diagonal of P∞, and the white variance."""
+        """F, Q, the diagonal of P∞, and the variance of the white noise."""
         values = self._values(unknown, channels, runs, numpy)
         transition, unit = self._transition(values, dt, numpy)
         stationary = [values["variance"] * u for u in unit]

@@ -114,7 +114,7 @@ class Drifting(ErrorModel):
         return DriftingModel(model, self._drifting, self._knots(duration), self.every)
 
     def describe(self) -> dict[str, Any]:
-        """Return the kind, the time between knots, and the error model of the added errors."""
+        """Return the kind of this error model, the time between knots, and the error model of the added errors."""
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 

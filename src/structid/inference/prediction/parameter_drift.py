@@ -19,8 +19,8 @@ STEP = 0.01
 NATS = 5.0
 """Increase of the log-likelihood above which parameters are considered to drift."""
 
-TOLD = 1.2
-"""Ratio to its prior expectation above which a drift is reported; the data do not support a smaller drift."""
+REPORTED_RATIO = 1.2
+"""A drift is reported if it exceeds its prior expectation by more than this ratio. The data do not support a smaller drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class ParameterDrift:
         marginals = self.posterior.model_space.marginals
         shares = self.sd / np.array([marginal.moments[1] for marginal in marginals.values()])
         for index, (name, marginal) in enumerate(marginals.items()):
-            if shares[index] < min(TOLD * DRIFT_MEDIAN, shares.max()):
+            if shares[index] < min(REPORTED_RATIO * DRIFT_MEDIAN, shares.max()):
                 continue
             unit, size = marginal.unit, float(self.sd[index])
             description = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
@@ -96,8 +96,8 @@ def parameter_drift(
 
     so that b can be integrated out: log p(e | d) = ½ zᵀ (I + √D VᵀV √D)⁻¹ z − ½ log |I + √D VᵀV √D| + const, z = √D Vᵀ e. d
     maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with fixed error-model
-    parameters. It needs two model runs per parameter, so that it also works with a surrogate. If it finds a drift, θ at the
-    fit is a mean over this record only; √(sd² + d²) is the parameter's spread on another record.
+    parameters. It needs two model runs per parameter and no derivatives, so it also works with a surrogate. If it finds a drift,
+    θ at the fit is a mean over this record only; √(sd² + d²) is the parameter's spread on another record.
     """
     space = posterior.model_space
     if space.dimension == 0:  # only error-model parameters are unknown

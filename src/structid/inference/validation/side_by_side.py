@@ -70,7 +70,7 @@ class SideBySide:
 
     @property
     def sentence(self) -> str:
-        """Peaks and main frequencies of model and measurement; the text follows an article."""
+        """Sentence on the peaks and main frequencies of model and measurement, without "the" before its first word."""
         shown = [
             f"{peak / factor(self.unit):.3g} {self.unit} (mainly at {frequency:.2g} Hz)"
             for peak, frequency in zip(self._peaks, self._frequencies, strict=True)

@@ -96,7 +96,7 @@ class Ranks(ShownAsText):
 
     @property
     def bins(self) -> int:
-        """Bins of the histograms: at least ten replicas in each, and at most twenty."""
+        """Number of histogram bins: one per ten replicas, but at least 2 and at most 20."""
         return int(np.clip(len(self.truth) // 10, 2, 20))
 
     def histogram(self, bins: int) -> Int[np.ndarray, "quantity bin"]:

@@ -1,4 +1,4 @@
-"""A function that every process imports from its own file."""
+"""A user's function, imported by every process from the file in which it is defined."""
 
 from __future__ import annotations
 

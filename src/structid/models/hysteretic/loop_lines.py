@@ -26,7 +26,7 @@ OTHER_ELASTIC = (0.5, 1.5, 2.0)
 """Alternative ends of the initial line relative to the chosen end, for the sensitivity of its slope."""
 
 OTHER_YIELDED = (0.6, 1.4)
-"""Alternative starts of the final line, as distances from the peak relative to the chosen distance."""
+"""Other starting points tried for the final line: their distances from the peak, divided by that of the chosen point."""
 
 FEWEST = 3
 """Minimum number of samples on a line."""

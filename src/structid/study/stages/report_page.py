@@ -1,4 +1,4 @@
-"""Stage: the page of a study, its figures, and the netCDF file of its draws."""
+"""Stage: write the page of a study, its figures, and the netCDF file of its draws."""
 
 from __future__ import annotations
 

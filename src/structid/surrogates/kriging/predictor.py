@@ -38,7 +38,7 @@ _FACTOR_ARRAYS = tuple(f.name for f in dataclasses.fields(KrigingFactors) if f.n
 
 @dataclass(frozen=True, eq=False)
 class KrigingGroup:
-    """A fitted Kriging of outputs that share one correlation function."""
+    """A fitted Kriging predictor for outputs that share one correlation function."""
 
     family: str  # Name of the correlation function
     separable: bool  # Whether the correlation is a product over the parameters

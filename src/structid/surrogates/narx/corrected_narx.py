@@ -49,7 +49,7 @@ class TrainedNARX(SurrogateSettings, Protocol):
 @check_arguments
 @dataclass(frozen=True)
 class CorrectedNARX:
-    """Settings of a NARX for any record and a POD-Kriging for the records of its runs.
+    """Settings of a surrogate of two parts: a NARX for any record, and a POD-Kriging for the records of the training runs.
 
     A NARX with few terms accepts any record, but reproduces no training run exactly. On the records of the runs the response
     therefore comes from a `PODKriging`, which interpolates all runs. A calibration with a NARX uses this combination: the Kriging

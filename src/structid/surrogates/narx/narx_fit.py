@@ -131,7 +131,7 @@ class NARXFit:
         return self._with_deviation(trend, coefficients - coefficients.mean(axis=0), regression)
 
     def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
-        """Add an interpolation of the deviations from a trend, for coefficients that deviate."""
+        """Add to the trend an interpolation of the deviations from it, for those coefficients whose deviation varies."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
             return self._coefficients(trend)

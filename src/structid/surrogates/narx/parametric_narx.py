@@ -222,7 +222,7 @@ class ParametricNARX(Surrogate):
         horizon: int | None = None,
         known: int = 0,
     ) -> np.ndarray:
-        """Compute the outputs in SI for given coefficients, with optional restarts from values (run, time, channel)."""
+        """Compute the outputs in SI for given coefficients, optionally restarting from given values, shape (run, time, channel)."""
         count = len(coefficients)
         # The parameters are not used here, and there may be none.
         runs = Runs(

@@ -63,7 +63,7 @@ def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None
 def fit_records(
     settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None, reach: float = 0.0
 ) -> ResponseSpaceSurrogate:
-    """Fit principal components and a regression of their scores on every record."""
+    """For every record, fit principal components and a regression of their scores."""
     watch = Stopwatch()
     kind = type(settings).__name__
     done, left_out = fitting_runs(f"{kind}.fit", runs)

@@ -154,7 +154,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
             "rounds",
             "Each point is a draw of a surrogate's posterior at which the model was run. The ordinate is the log density of the "
             "model minus that of the surrogate, relative to the median of the round. If the two posteriors are equal, all points "
-            "lie on zero. The band shows the largest standard deviation that a certificate allows. In rounds without points, the "
+            "lie at zero. The band shows the largest standard deviation that a certificate allows. In rounds without points, the "
             "surrogate was not yet accurate enough to draw from its posterior.",
             figure,
         )

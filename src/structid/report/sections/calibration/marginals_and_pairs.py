@@ -70,7 +70,7 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
-    """Table of the posterior in the coordinates of the study, which have a simpler effect on responses than the parameters."""
+    """Table of the posterior in the study's coordinates, on which responses depend more simply than on the parameters."""
     space = material.posterior.space
     if not space.coordinates:
         return []

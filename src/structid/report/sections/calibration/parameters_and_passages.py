@@ -185,7 +185,7 @@ def _distributions(study: ParameterStudy) -> Picture:
     time = np.linspace(0.0, max(result.followed.max() for result in study.passages), 600)
     curves = [(_limit(study, i), *result.distribution(time)) for i, result in enumerate(study.passages)]
     figure = figures.distributions(time, curves)
-    caption = "Fraction of the runs that have passed, by the product-limit estimate, ± 2 standard errors."
+    caption = "Fraction of the runs that have passed the limit, by the product-limit estimate, ± 2 standard errors."
     return Picture("passages_in_time", caption, figure)
 
 

@@ -96,7 +96,7 @@ def per_experiment_solution(
 
 
 def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray, "run coefficient"]:
-    """Fit the one-step coefficients of every experiment separately, with the initial shapes of the memories."""
+    """Fit one-step coefficients of every experiment separately, with the initial parameters of the hysteretic memories."""
     vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
     equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
     return per_experiment_solution(runs.recursion, *equations, vector)
