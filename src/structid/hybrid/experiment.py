@@ -111,7 +111,7 @@ class HybridTest:
             raise InputError(
                 "HybridTest.compensation",
                 f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps per move",
-                "a fine specimen with one controller step per fine step: the compensation learns from every controller step",
+                "substeps with one controller step each: the compensation learns from every controller step",
                 f'Use substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine="physical".',
             )
 

@@ -74,7 +74,7 @@ def _study_file(
 
 
 def stage_tables(file: StudyFile) -> Iterator[StageTable]:
-    """The tables of a file that request stages, in the order of the stages."""
+    """The stage tables of a study file, in the order of the stages."""
     for stage in stage_list.STAGES:
         if stage.table is not None and (given := getattr(file, stage.table.word, None)) is not None:
             yield given

@@ -90,7 +90,7 @@ class OpenFrescoSpecimen(Specimen):
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
-        """Command the end of a path, acquire, and commit; see `Specimen.move`."""
+        """Command the end of a path, acquire the response, and commit the state; see `Specimen.move`."""
         if self._over:
             raise SpecimenError(f"The session is over: {self._over} A test is never resumed.")
         path = np.atleast_2d(np.asarray(path, dtype=np.float64))

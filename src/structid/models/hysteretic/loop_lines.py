@@ -130,7 +130,7 @@ class LoopLines(ShownAsText):
                 "LoopLines.fit",
                 f"{counts[0]} samples on the initial and {counts[1]} on the final line",
                 f"at least {FEWEST} samples on each line",
-                "Change the fractions elastic and yielded.",
+                "Change the fractions `elastic` and `yielded`.",
             )
         initial = _initial_slope(u, f, elastic)
         low, high = _range([initial, *(_initial_slope(u, f, part * elastic) for part in OTHER_ELASTIC)])

@@ -101,7 +101,7 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int,
 
 
 def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log prior, log-likelihood and failure; a log-likelihood whose moments exceed float64 becomes `LEAST_LIKELIHOOD`."""
+    """Log prior, log-likelihood and failure; a log-likelihood too large for float64 arithmetic becomes `LEAST_LIKELIHOOD`."""
     prior, likelihood, failed = target.evaluate_parts(phi)
     return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
 

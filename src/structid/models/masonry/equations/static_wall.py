@@ -176,7 +176,7 @@ class StaticWall(RestoringForce):
         return force, after | {"stands": after["stands"] & ~going}
 
     def _loaded(self, runs: int) -> Any:
-        """Return the memory under the vertical load. In each load step, Newton iterations determine the beam's position.
+        """Return the joint states under the vertical load. In each load step, Newton iterations determine the beam's position.
 
         Load steps and iterations form one loop, so that its code is generated only once.
         """

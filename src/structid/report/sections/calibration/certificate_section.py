@@ -60,7 +60,7 @@ def _second_sampler(found: Representation | None) -> list[Table]:
     ]
     tables = [
         Table(
-            "Second sampler of the surrogate's posterior, relative to the draws. It searches for modes and starts evenly in all",
+            "Comparison of the draws with a second sampler, which searches for modes and starts evenly in all of them",
             (["", "difference of means [sd]", "difference of sds"], rows),
         )
     ]

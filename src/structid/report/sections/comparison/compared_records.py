@@ -1,4 +1,4 @@
-"""Section of a comparison: predictions for unmeasured records by the classes."""
+"""Section of a comparison: predictions of all model classes for unmeasured records."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ def as_terms(given: Iterable[Term | str] | Term | str) -> tuple[Term, ...]:
 
 
 def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:
-    """Return memories; strings are parsed."""
+    """Parse memories given as strings; return the others unchanged."""
     return tuple(m if isinstance(m, Memory) else Memory.parse(m) for m in given)
 
 
