@@ -222,9 +222,9 @@ class Bad:
         """Fit as it should not be done."""
         good = si.PODKriging()
         if self.how == "biased":
-            from structid.campaign.runs import InMemory
+            from structid.campaign.runs import StoredInMemory
 
-            return good.fit(replace(runs, stored=InMemory(1.02 * runs.values)))
+            return good.fit(replace(runs, stored=StoredInMemory(1.02 * runs.values)))
         if self.how in SMOOTH:
             smooth = si.Kriging(correlation="gaussian", nugget=SMOOTH[self.how], trend="constant")
             return si.PODKriging(kriging=smooth).fit(runs)
