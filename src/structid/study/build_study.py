@@ -172,19 +172,19 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         plan,
         loop,
     )
-    study = replace(study, plans=_planned(study))
+    study = replace(study, planned_stages=_planned_stages(study))
     _check_something_to_run(study)
     check_before_anything_is_written(study)
     return study
 
 
-def _planned(study: BuiltStudy) -> ByType:
+def _planned_stages(study: BuiltStudy) -> ByType:
     """Collect the settings of every stage that has a table in the file."""
-    plans = ByType()
+    stages = ByType()
     for table in stage_tables(study.file):
         planned = table.planned(study)
-        plans = plans.having(type(planned), planned)
-    return plans
+        stages = stages.having(type(planned), planned)
+    return stages
 
 
 def _check_stage_tables(file: StudyFile) -> None:
@@ -199,7 +199,7 @@ def _check_stage_tables(file: StudyFile) -> None:
 def _check_something_to_run(study: BuiltStudy) -> None:
     if study.posterior is not None or study.campaign is not None or stands_alone(study.file):
         return
-    alone = [stage.table.word for stage in stage_list.STAGES if stage.table is not None and not stage.table.needs_draws]
+    alone = [table.word for table in stage_list.tables() if not table.needs_draws]
     *most, last = (f"a [{word}]" for word in ("campaign", *alone))
     raise InputError(
         "the file",

@@ -162,9 +162,9 @@ def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: in
         yield Part("Campaign", runs * each, runs, batch, study.plan)
     if study.posterior is not None:
         yield from _sampling_parts(study, study.posterior, under, each, batch)
-    for plan in study.plans:
-        runs = plan.model_runs
-        yield Part(plan.what.capitalize(), runs * each, runs, batch)
+    for stage in study.planned_stages:
+        runs = stage.model_runs
+        yield Part(stage.what.capitalize(), runs * each, runs, batch)
     if study.posterior is not None:
         yield from _other_records(study, each)
         yield Part("Predictions, figures and page", PAGE)

@@ -22,7 +22,7 @@ from structid.study.study_reader import parse_study, stands_alone
 
 
 def _has_runs(folder: Path) -> bool:
-    stores = [stage.table.store for stage in stage_list.STAGES if stage.table is not None]
+    stores = [table.store for table in stage_list.tables()]
     return any((folder / name).is_file() for name in (CAMPAIGN_RUNS, *stores))
 
 

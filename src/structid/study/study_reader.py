@@ -39,7 +39,7 @@ def study_file() -> type[StudyFile]:
         tuple(surrogates.KINDS),
         tuple(error_model_list.ERROR_MODELS),
         tuple(sampler_list.SAMPLERS),
-        tuple(stage.table for stage in stage_list.STAGES if stage.table is not None),
+        stage_list.tables(),
     )
 
 
@@ -75,8 +75,8 @@ def _study_file(
 
 def stage_tables(file: StudyFile) -> Iterator[StageTable]:
     """The stage tables of a study file, in the order of the stages."""
-    for stage in stage_list.STAGES:
-        if stage.table is not None and (given := getattr(file, stage.table.word, None)) is not None:
+    for table in stage_list.tables():
+        if (given := getattr(file, table.word, None)) is not None:
             yield given
 
 

@@ -48,7 +48,7 @@ class LargestResponseTable(StageTable):
 
 
 def _run(state, workplace):
-    planned = state.study.plans[PlannedLargestResponse]
+    planned = state.study.planned_stages[PlannedLargestResponse]
     store = workplace.folder / LargestResponseTable.store
     if not store.is_file():
         posterior = state.true_posterior

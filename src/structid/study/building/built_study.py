@@ -44,7 +44,7 @@ class BuiltStudy:
     other_records: tuple[GroundMotion, ...]  # records to predict
     plan: Plan | None  # budget of a certified calibration, if there is one
     loop: LoopLines | None = None  # lines through a measured loop, from which priors are derived
-    plans: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with its own table
+    planned_stages: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with its own table
 
     @property
     def content_hash(self) -> str:
@@ -71,7 +71,7 @@ class BuiltStudy:
             parts["surrogate"] = digest(settings_of_surrogate)
         if self.plan is not None:
             parts["calibration"] = digest(self.plan.describe())
-        return parts | {name: digest(value) for plan in self.plans for name, value in plan.identity.items()}
+        return parts | {name: digest(value) for stage in self.planned_stages for name, value in stage.identity.items()}
 
     def working_in(self, folder: Path) -> BuiltStudy:
         """Return the study with a folder for the files of its model runs."""

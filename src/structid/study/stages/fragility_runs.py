@@ -86,7 +86,7 @@ class FragilityTable(StageTable):
 
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:
-    planned, draws = state.study.plans[PlannedFragility], state.results[SamplingResult]
+    planned, draws = state.study.planned_stages[PlannedFragility], state.results[SamplingResult]
     assert state.true_posterior is not None
     with (
         workplace.stage(planned.what) as progress,

@@ -78,7 +78,7 @@ class ParameterStudyTable(StageTable):
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:
     study = state.study
-    planned = study.plans[PlannedParameterStudy]
+    planned = study.planned_stages[PlannedParameterStudy]
     campaign = Campaign(planned.model, study.record, planned.design, workplace.folder / ParameterStudyTable.store)
     with workplace.stage(planned.what) as progress, workplace.timings.measured(planned.what, goes_on=True):
         runs = campaign.run(workplace.executor, retry=workplace.retry, adopt=workplace.adopt, progress=progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -73,9 +74,9 @@ class StageTable(FileTable):
         """Channels that the model must record in a study without a measurement."""
         return ()
 
+    @abstractmethod
     def planned(self, study: BuiltStudy) -> PlannedStage:
         """Return the settings in SI; raise `InputError` if they do not fit the study."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,6 @@ def stage_of_table(
     """Create a stage that runs if the study file contains its table."""
 
     def wanted(state: StudyState) -> bool:
-        return planned in state.study.plans and (not table.needs_draws or SamplingResult in state.results)
+        return planned in state.study.planned_stages and (not table.needs_draws or SamplingResult in state.results)
 
     return StudyStage(result, wanted, run, table)

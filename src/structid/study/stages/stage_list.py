@@ -13,7 +13,7 @@ from structid.study.stages import (
     report_page,
     surrogate_fit,
 )
-from structid.study.stages.stage import StudyStage
+from structid.study.stages.stage import StageTable, StudyStage
 
 STAGES: tuple[StudyStage, ...] = (
     parameter_runs.STAGE,
@@ -29,3 +29,8 @@ STAGES: tuple[StudyStage, ...] = (
 
 PAGE_STAGE = report_page.STAGE
 """The stage that writes the page."""
+
+
+def tables() -> tuple[type[StageTable], ...]:
+    """Tables of the study file that belong to a stage."""
+    return tuple(stage.table for stage in STAGES if stage.table is not None)
