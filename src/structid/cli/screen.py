@@ -87,7 +87,7 @@ def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
     def print_line(done: str, end: str = "") -> None:
         if not silent:
             after = f"{time.monotonic() - began:.0f} s{end}"
-            screen.print(f"{name:<30} {done + of + lost:>13}  {after}", markup=False, soft_wrap=True)
+            print_plainly(f"{name:<30} {done + of + lost:>13}  {after}")
 
     def report(done: int, total: int, failed: int = 0) -> None:
         nonlocal reported, of, lost
@@ -120,7 +120,7 @@ class _OnScreen(logging.Handler):
     """Handler that prints log messages above the progress bar."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        screen.print(record.getMessage(), style="bold", markup=False, soft_wrap=True)
+        print_plainly(record.getMessage(), style="bold")
 
 
 def print_table(heads: list[str], rows: list[list[str]]) -> None:
@@ -129,12 +129,12 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
     lines = aligned(heads, rows)
     if max(map(len, lines)) <= screen.width:
-        screen.print("\n".join(lines), markup=False, soft_wrap=True)
+        print_plainly("\n".join(lines))
         return
     for row in rows:
         screen.print(f"\n{row[0]}", style="bold", markup=False)
         for head, cell in zip(heads[1:], row[1:], strict=True):
-            screen.print(f"  {head.ljust(max(map(len, heads)))}  {cell}", markup=False, soft_wrap=True)
+            print_plainly(f"  {head.ljust(max(map(len, heads)))}  {cell}")
 
 
 def finish(outcome: StudyOutcome) -> None:
@@ -145,15 +145,15 @@ def finish(outcome: StudyOutcome) -> None:
     _print_results_of_tables(outcome, needs_draws=False)
     runs = outcome.results.get(Runs)
     if runs is not None:
-        _print_plainly(str(runs))
+        print_plainly(str(runs))
         screen.print()
     if outcome.result is None:
-        _print_plainly(f"Report: {outcome.report.resolve()}")
+        print_plainly(f"Report: {outcome.report.resolve()}")
         if runs is not None and not runs.done.any():
             raise CampaignStoppedError("No run has finished. See the reasons with: structid runs DIR --failed")
         return
     _print_posterior(outcome, outcome.result)
-    _print_plainly(f"\nReport: {outcome.report.resolve()}")
+    print_plainly(f"\nReport: {outcome.report.resolve()}")
     if not outcome.trusted:
         raise typer.Exit(NOT_CONVERGED)
 
@@ -165,18 +165,18 @@ def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
     from structid.report.page_summary import page_summary
 
     assert outcome.material is not None
-    _print_plainly(f"{page_summary(outcome.material)}\n")
+    print_plainly(f"{page_summary(outcome.material)}\n")
     choice, calibration = outcome.results.get(ErrorModelChoice), outcome.results.get(CalibrationResult)
     verdict = result.verdict()
     if choice is not None:
-        _print_plainly(f"{choice.sentence}\n")
+        print_plainly(f"{choice.sentence}\n")
     trusted = "green" if outcome.trusted else "bold red"
     if result.cost is not None:
         exact = "Exact" if verdict.converged else "Exact in the long run, but not converged"
-        _print_plainly(f"{exact}: {result.cost}\n", trusted)
+        print_plainly(f"{exact}: {result.cost}\n", trusted)
     if calibration is not None:
-        _print_plainly(f"{calibration.certificate}\n", trusted)
-    _print_plainly(str(verdict), "green" if verdict.converged and not verdict.doubt else "bold red")
+        print_plainly(f"{calibration.certificate}\n", trusted)
+    print_plainly(str(verdict), "green" if verdict.converged and not verdict.doubt else "bold red")
     _print_results_of_tables(outcome, needs_draws=True)
 
 
@@ -186,9 +186,9 @@ def _print_results_of_tables(outcome: StudyOutcome, needs_draws: bool) -> None:
 
     for stage in stage_list.STAGES:
         if stage.table is not None and stage.table.needs_draws == needs_draws and stage.result in outcome.results:
-            _print_plainly(f"{outcome.results[stage.result]}\n")
+            print_plainly(f"{outcome.results[stage.result]}\n")
 
 
-def _print_plainly(text: str, style: str = "") -> None:
+def print_plainly(text: str, style: str = "") -> None:
     """Print text unchanged: brackets are not markup, and lines are not broken."""
     screen.print(text, style=style, markup=False, soft_wrap=True)

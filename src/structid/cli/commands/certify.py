@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.screen import NOT_CONVERGED, screen, stage
+from structid.cli.screen import NOT_CONVERGED, print_plainly, screen, stage
 
 
 def certify(
@@ -27,7 +27,7 @@ def certify(
 
     certificate, page = certify_draws(study, draws, out, runs, look, stage, executor)
     screen.print()
-    screen.print(str(certificate), style="green" if certificate.certified else "bold red", markup=False, soft_wrap=True)
-    screen.print(f"\nReport: {page.resolve()}", markup=False, soft_wrap=True)
+    print_plainly(str(certificate), style="green" if certificate.certified else "bold red")
+    print_plainly(f"\nReport: {page.resolve()}")
     if not certificate.certified:
         raise typer.Exit(NOT_CONVERGED)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from structid.cli.commands.hybrid import print_checks
-from structid.cli.screen import WRONG_INPUT, screen
+from structid.cli.screen import WRONG_INPUT, print_plainly, screen
 
 if TYPE_CHECKING:
     from structid.study.building.built_study import BuiltStudy
@@ -35,27 +35,22 @@ def check(
     built = load(study)
     _describe(built)
     for line in quantities_in_si(study):
-        _print_line(line)
+        print_plainly(line)
     with screen.status("running the model a few times"):
-        sizes = plausibility(built, _print_line)
-        cost = estimate(built, _print_line)
-    _print_line(cost.conclusion)
+        sizes = plausibility(built, print_plainly)
+        cost = estimate(built, print_plainly)
+    print_plainly(cost.conclusion)
     if plot is not None:
         for figure in sizes.plot(plot):
-            _print_line(f"Figure: {figure}")
+            print_plainly(f"Figure: {figure}")
     if not sizes.questions:
         screen.print(f"[bold green]{study} is in order.[/]")
         return
     for question in sizes.questions:
-        screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
+        print_plainly(f"? {question}", style="bold red")
     raise typer.Exit(WRONG_INPUT)
-
-
-def _print_line(line: str) -> None:
-    """Print a finding immediately."""
-    screen.print(line, markup=False, soft_wrap=True)
 
 
 def _describe(built: BuiltStudy) -> None:
     for what in (str(built.record), str(built.model), repr(built.space)):
-        _print_line(what)
+        print_plainly(what)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.screen import NOT_CONVERGED, print_table, screen, stage
+from structid.cli.screen import NOT_CONVERGED, print_plainly, print_table, screen, stage
 
 
 def compare(
@@ -20,10 +20,10 @@ def compare(
     comparison, page = compare_studies(folders, out, stage)
     trusted = all(c.trusted for c in comparison.classes)
     screen.print()
-    screen.print(comparison.verdict, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
+    print_plainly(comparison.verdict, style="green" if trusted else "bold red")
     heads, rows = comparison.rows()
     print_table(heads, rows)
     if page is not None:
-        screen.print(f"\nPage: {page.resolve()}", markup=False, soft_wrap=True)
+        print_plainly(f"\nPage: {page.resolve()}")
     if not trusted:
         raise typer.Exit(NOT_CONVERGED)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from structid.cli.commands.run import worked_on_screen
-from structid.cli.screen import NOT_CONVERGED, screen, stage
+from structid.cli.screen import NOT_CONVERGED, print_plainly, screen, stage
 
 if TYPE_CHECKING:
     from structid.study.run import StudyOutcome
@@ -35,10 +35,10 @@ def demo(
     comparison, page = compare_outcomes([out / name for name in ACTS], outcomes, out, _PASSING)
     assert page is not None
     trusted = all(outcome.trusted for outcome in outcomes)
-    screen.print(f"\n{comparison.verdict}", style="green" if trusted else "bold red", markup=False, soft_wrap=True)
-    screen.print(f"\nStart with: {page.resolve()}", style="bold", markup=False, soft_wrap=True)
+    print_plainly(f"\n{comparison.verdict}", style="green" if trusted else "bold red")
+    print_plainly(f"\nStart with: {page.resolve()}", style="bold")
     for outcome in outcomes:
-        screen.print(f"Report:     {outcome.report.resolve()}", markup=False, soft_wrap=True)
+        print_plainly(f"Report:     {outcome.report.resolve()}")
     screen.print("Your study: structid new my_structure", markup=False)
     if not trusted:
         raise typer.Exit(NOT_CONVERGED)
@@ -53,5 +53,5 @@ def _act(number: int, name: str, folder: Path) -> StudyOutcome:
     with resources.as_file(packaged) as study:
         outcome = worked_on_screen(study, folder, resume=(folder / "identity.json").is_file(), shown=_PASSING)
     assert outcome.material is not None
-    screen.print(f"\n{page_summary(outcome.material)}", markup=False, soft_wrap=True)
+    print_plainly(f"\n{page_summary(outcome.material)}")
     return outcome

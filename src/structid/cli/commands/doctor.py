@@ -7,7 +7,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from structid.cli.screen import screen
+from structid.cli.screen import print_plainly
 from structid.core.cores import available_cores, cache_folder, cores_to_use
 
 OPTIONAL = {
@@ -34,7 +34,7 @@ def doctor() -> None:
         **{package: f"{_installed(package, extra)} ({adds})" for package, (extra, adds) in OPTIONAL.items()},
     }
     for name, result in lines.items():
-        screen.print(f"{name:<12} {result}", markup=False, soft_wrap=True)
+        print_plainly(f"{name:<12} {result}")
 
 
 def _engine() -> str:

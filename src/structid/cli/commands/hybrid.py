@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.cli.screen import FAILED, NOT_CONVERGED, WRONG_INPUT, errors, screen, stage
+from structid.cli.screen import FAILED, NOT_CONVERGED, WRONG_INPUT, errors, print_plainly, screen, stage
 from structid.cli.specimen_secret import SecretFile, secret_of
 
 if TYPE_CHECKING:
@@ -88,10 +88,10 @@ def print_checks(checks: dict[str, Feasibility], quantities: Sequence[str]) -> N
         Quantities of the file in SI units, one line per quantity.
     """
     for line in quantities:
-        screen.print(line, markup=False, soft_wrap=True)
+        print_plainly(line)
     for name, feasibility in checks.items():
         screen.print(f"\n[bold]test {name}[/]")
-        screen.print(str(feasibility), markup=False, soft_wrap=True)
+        print_plainly(str(feasibility))
     if not all(feasibility.can_work for feasibility in checks.values()):
         raise typer.Exit(WRONG_INPUT)
 
@@ -105,22 +105,20 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
         Outcome of the programme.
     """
     screen.print()
-    screen.print(str(outcome.programme), markup=False, soft_wrap=True)
+    print_plainly(str(outcome.programme))
     learnt, trusted = outcome.learnt, True
     if learnt is not None:
         verdict = learnt.result.verdict()
         trusted = learnt.trusted
         screen.print()
-        screen.print(str((learnt.calibration or learnt.result).summary()), markup=False, soft_wrap=True)
+        print_plainly(str((learnt.calibration or learnt.result).summary()))
         if learnt.calibration is not None:
             certificate = str(learnt.calibration.certificate)
-            screen.print(certificate, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
-        screen.print(
-            str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
-        )
+            print_plainly(certificate, style="green" if trusted else "bold red")
+        print_plainly(str(verdict), style="green" if trusted and not verdict.doubt else "bold red")
         for sentence in learnt.prediction.sentences if learnt.prediction is not None else ():
-            screen.print(sentence, markup=False, soft_wrap=True)
-    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+            print_plainly(sentence)
+    print_plainly(f"\nReport: {outcome.report.resolve()}")
     if not outcome.programme.finished:
         raise typer.Exit(FAILED)
     if not trusted:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.cli.screen import FAILED, errors, findings_on_screen, finish, screen, stage
+from structid.cli.screen import FAILED, errors, findings_on_screen, finish, print_plainly, screen, stage
 from structid.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def worked_on_screen(
     built = load(study)
     if built.model.batched and not resume:  # one cheap run; an external solver is run by structid check only
         for question in plausibility(built).questions:
-            screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
+            print_plainly(f"? {question}", style="bold red")
     try:
         return run_study(study, out, resume, shown, executor, retry, adopt, built)
     except KeyboardInterrupt:

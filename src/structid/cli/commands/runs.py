@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.cli.screen import screen
+from structid.cli.screen import print_plainly, screen
 from structid.core.errors import Status
 from structid.core.reasons import short_reason
 
@@ -27,7 +27,7 @@ def runs(
     from structid.study.cost import duration
 
     stored = open_runs(folder)
-    screen.print(str(stored), markup=False, soft_wrap=True)
+    print_plainly(str(stored))
     seconds = stored.seconds[stored.seconds > 0]
     if seconds.size:
         median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
@@ -50,4 +50,4 @@ def _list_failed(stored: Runs, whole: bool) -> None:
             )
             times = f" (attempt {stored.attempts[i]})" if stored.attempts[i] > 1 else ""
             reason = stored.reasons[i] if whole else short_reason(stored.reasons[i])
-            screen.print(f"run {i}{times}: {status.words}: {reason}\n    {point}", markup=False, soft_wrap=True)
+            print_plainly(f"run {i}{times}: {status.words}: {reason}\n    {point}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.screen import NOT_CONVERGED, screen, stage
+from structid.cli.screen import NOT_CONVERGED, print_plainly, screen, stage
 
 
 def sbc(
@@ -22,8 +22,8 @@ def sbc(
 
     ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)
     screen.print()
-    screen.print(str(ranks), style="green" if ranks.uniform else "bold red", markup=False, soft_wrap=True)
+    print_plainly(str(ranks), style="green" if ranks.uniform else "bold red")
     if figure is not None:
-        screen.print(f"\nFigure: {figure.resolve()}", markup=False, soft_wrap=True)
+        print_plainly(f"\nFigure: {figure.resolve()}")
     if not ranks.uniform:
         raise typer.Exit(NOT_CONVERGED)

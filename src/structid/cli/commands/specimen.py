@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.screen import screen
+from structid.cli.screen import print_plainly, screen
 from structid.cli.specimen_secret import SecretFile, secret_of
 
 
@@ -31,7 +31,7 @@ def specimen(
         host=host,
         port=port,
         releases=not hold,
-        log=lambda line: screen.print(line, markup=False, soft_wrap=True),
+        log=lambda line: print_plainly(line),
     )
     if host not in ("127.0.0.1", "localhost", "::1"):
         screen.print(
@@ -40,7 +40,7 @@ def specimen(
             style="bold red",
             soft_wrap=True,
         )
-    screen.print(f"Serving {served.describe().name} at {server.address} (Ctrl-C stops)", markup=False, soft_wrap=True)
+    print_plainly(f"Serving {served.describe().name} at {server.address} (Ctrl-C stops)")
     try:
         server.serve()
     except KeyboardInterrupt:
