@@ -202,8 +202,8 @@ def main() -> None:
 `benchmarks/attacks.py`. {common.machine()}.
 
 These models and draws are designed to provoke a wrong certificate, or to prevent a correct one. Errors are given for certified
-calibrations, relative to tempered SMC on the model itself. A mode of q that no model run has visited is found if a prior draw lies
-in its basin of attraction.
+calibrations, relative to tempered SMC on the model itself. A mode of the draws' density q that no model run has visited is found
+if a prior draw lies in its basin of attraction.
 
 {common.markdown_table(HEADS, found)}
 """

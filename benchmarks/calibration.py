@@ -190,16 +190,16 @@ def main() -> None:
 `benchmarks/calibration.py`. {common.machine()}.
 
 The study is `bouc_wen`: a degrading oscillator is measured with 2 % noise, and an oscillator without degradation is calibrated.
-The surrogate is a POD-Kriging unless a row names another one, and `si.calibrate` has its default settings: 10 runs in the first
-design and 10 in each round (16 and 22 for seven parameters), 30 fresh draws in a certificate, a third of them tempered. Seconds
-are those of the whole call. Every certified calibration has means within 0.1 sd and standard deviations within 10 %. Means and
-standard deviations are compared with tempered SMC on the model itself, with a bulk effective sample size of 10 000 or more. The
-seven parameters are those of the model with degradation, and the reference took 4.6 million runs of it. Rounds do not count the
-first design.
+The surrogate is a POD-Kriging unless a row names another one. `si.calibrate` has its default settings: 10 runs in the first
+design and 10 in each round (16 and 22 for seven parameters). A certificate takes 30 fresh draws, a third of them tempered.
+Seconds are for the whole call of `si.calibrate`. Every certified calibration has means within 0.1 sd and standard deviations
+within 10 %. Means and standard deviations are compared with tempered SMC on the model itself, with a bulk effective sample size
+of 10 000 or more. The seven parameters are those of the model with degradation, and their reference draws took 4.6 million
+model runs. The number of rounds excludes the first design.
 
 {common.markdown_table(HEADS, found)}
 
-El Centro, 1.8 m/s², seed 1, in a process that has done nothing before; seconds of `si.calibrate`, without the imports before it:
+El Centro, 1.8 m/s², seed 1, in a new process: seconds of `si.calibrate`, without the preceding imports:
 
 {common.markdown_table(["caches", "verdict", "seconds", "limit (stretch goal)"], cold)}
 """

@@ -220,9 +220,9 @@ def section(overhead: dict[str, list[float]], store: list[dict[str, float]]) -> 
 
 `benchmarks/campaign.py`. {common.machine("distributed", "joblib", "h5py")}.
 
-The solver returns {SAMPLES} samples in negligible time, so that the table gives the cost of the campaign. structid guards against
-solvers that hang or crash. It writes every result to disk (fsync) before it waits for the next, and at the end all results to one
-compressed file. The other programs do neither.
+The solver returns {SAMPLES} samples in negligible time, so the table gives the overhead of the campaign. structid guards against
+solvers that hang or crash. It writes every result to disk (fsync) before it waits for the next one. At the end, it writes all
+results to one compressed file. The other programs do neither.
 
 {common.markdown_table(["program", f"ms per run, {RUNS} runs with the start", "ms per further run", "limit"], told)}
 

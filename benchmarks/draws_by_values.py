@@ -34,10 +34,10 @@ HEADS = [
     "seconds",
 ]
 REFUSALS = (
-    "a log density that is not that of the draws",
+    "a log density that does not match the draws",
     "these are not draws of the given density",
     "there are too few draws",
-    "cannot be told",
+    "cannot decide whether the draws follow it",
 )
 """Parts of the messages about a contradicting fitted density, Stein's identity, the Monte Carlo error, and large errors of the
 identity. The first match counts."""
@@ -220,10 +220,10 @@ def main() -> None:
 
 Other programs often provide draws with their log density values, but not the density as a function. `si.certify` then checks the
 draws before any model run, by Stein's identity and by the Monte Carlo error ([theory](../../theory/certificate.md)). Each row has
-{SEEDS} samples of {DRAWS:,} draws, from which some cases then remove a part.
-"Wrong values": a density fitted to the draws contradicts the given values. "Too few draws": the Monte Carlo error of the draws'
-averages exceeds the limits, whatever their density. "Undecided": the errors of Stein's identity are so large that half of a density
-would also be accepted, so that nothing is certified.
+{SEEDS} samples of {DRAWS:,} draws, from which some cases then remove a part. "Wrong values": a density fitted to the draws
+contradicts the given values. "Too few draws": the Monte Carlo error of the draws' averages exceeds the limits, whatever their
+density. "Undecided": the standard errors of Stein's identity are so large that draws from only half of a density would also pass,
+so nothing is certified.
 
 {common.markdown_table(HEADS, found)}
 """

@@ -302,8 +302,8 @@ from the data. The predicted 5 to 95 % interval of the peak |u_x| in another rec
 
 {common.markdown_table(WRONG, wrong)}
 
-Two samplers for one posterior of the wall itself (φ_n and τ_max unknown, 0.6 s of the record). NUTS uses derivatives through the
-equilibrium of every step:
+The table compares two samplers on one posterior of the wall itself, without a surrogate (φ_n and τ_max unknown, 0.6 s of the
+record). NUTS uses derivatives through the equilibrium of every step:
 
 {common.markdown_table(SAMPLERS, both)}
 """

@@ -165,9 +165,10 @@ One surrogate for these ranges, fitted to {len(runs[: 50 if quick else TRAINING]
 
 {common.markdown_table(["surrogate", "ux top left", "uy top left", "uy top right", "diverged", "fit [s]"], box)}
 
-Joints that open and close cause the vertical displacements, which a recursion with few lags reproduces only in part. Functions of
-time (cos 2πt, exp(−t) sin 2πt) fit one record: they improve single runs, but more runs diverge over the ranges. For calibration on
-one record, response-space surrogates ([the masonry façade](facade.md)) are better: their mean error is 0.023 with 900 runs.
+Joints that open and close cause the vertical displacements, which a recursion with few lags reproduces only in part. Terms that
+depend on time alone (cos 2πt, exp(−t) sin 2πt) fit only one record. They improve single runs, but more runs diverge over the
+ranges. For calibration on one record, response-space surrogates ([the masonry façade](facade.md)) are better: their mean error is
+0.023 with 900 runs.
 """
     common.record_result(NAME, quick=quick, machine=common.machine(), rows=each, box=box)
     common.write_page(quick, NAME, text)

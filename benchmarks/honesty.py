@@ -279,8 +279,8 @@ def main() -> None:
 
 **Simulation-based calibration** (`si.sbc`): an oscillator of 1 Hz with three unknown parameters, 10 s of a stochastic record at
 0.01 s, noise of 10 % of the RMS. Each of {replicas} measurements is simulated with parameters from the prior, and calibrated. If
-the likelihood matches the noise, a test at the 1 % level does not reject that the ranks of the true parameters are uniform. It
-rejects this if the noise is AR(1) with φ = {PHI} and the likelihood assumes independent errors
+the likelihood matches the noise, a test at the 1 % level does not reject uniform ranks of the true parameters. The test rejects
+uniform ranks if the noise is AR(1) with φ = {PHI} and the likelihood assumes independent errors
 ([figures](../../figures/sbc_3.png)).
 
 {common.markdown_table(heads, ranks)}
@@ -289,12 +289,13 @@ rejects this if the noise is AR(1) with φ = {PHI} and the likelihood assumes in
 
 {common.markdown_table(right_heads, rightly)}
 
-**Wrong models**: an oscillator of three unknown parameters is calibrated to {records} records of each structure (30 s, 2 % noise).
-The scatter of the posterior means over the records is divided by the posterior sd. In brackets, it is divided by the reported
-record-to-record sd, which includes the drift of the parameters (limit 1.5). The last columns refer to predictions of the next
-record: how often the 90 % interval contains the true peak (limit 80 %), and which part of the history lies in the 90 % band with
-model error (limits 85 to 95 %). The strong part has a running power above a tenth of the maximum. A study with a surrogate chooses
-the damped cosine here. A study without a surrogate also has the two error models with drifting parameters to choose from.
+**Wrong models**: an oscillator with three unknown parameters is calibrated to {records} records of each structure (30 s, 2 %
+noise). The scatter of the posterior means over the records is divided by the posterior sd. For the values in brackets, this
+scatter is divided by the reported record-to-record sd, which includes the drift of the parameters (limit 1.5). The last columns
+refer to predictions of the next record. The coverage of peaks is the fraction of 90 % intervals that contain the true peak (limit
+80 %). The other coverages are the fraction of the history within the 90 % band with model error (limits 85 to 95 %). In the strong
+part, the running mean of the squared response exceeds a tenth of its maximum. In these cases, a study with a surrogate chooses
+damped-cosine errors. A study without a surrogate can also choose one of the two error models with drifting parameters.
 
 {common.markdown_table(wrong_heads, wrong)}
 """

@@ -212,10 +212,10 @@ def main() -> None:
 
 `benchmarks/hybrid.py`. {common.machine()}.
 
-Two floors, lower storey physical, Δt = 0.01 s, 200 steps. Peaks are compared with those of another program. PH is
-Prakash–Hjelmstad, GC Gravouil–Combescure; P or N fine: the physical or numerical part has ss substeps. The peak u₂ of "PH, N fine,
-ss = 10" differs by 5e-7: the reference prints 2.29680681e-2; the monolithic solution of each step
-(`tests/verification/test_partitioned.py`) and structid both give 2.29680806e-2.
+Two-storey frame with a physical lower storey, Δt = 0.01 s, 200 steps. Peaks are compared with those of another program. PH is the
+Prakash–Hjelmstad coupling, and GC the Gravouil–Combescure coupling. With "P fine" or "N fine", the physical or the numerical part
+has ss substeps. The peak u₂ of "PH, N fine, ss = 10" differs by 5e-7: the reference prints 2.29680681e-2; the monolithic solution
+of each step (`tests/verification/test_partitioned.py`) and structid both give 2.29680806e-2.
 
 {common.markdown_table(PEAKS, results["peaks"])}
 
@@ -231,11 +231,11 @@ Critical delays ([limits of hybrid tests](hybrid_limits.md) compares them with a
 
 {common.markdown_table(["structure", "structid [ms]", "reference [ms]", "relative difference"], results["delays"])}
 
-Round trip over the loopback on two cores: test and specimen (Bouc-Wen-Baber-Noori, 100 fine steps per coarse step) run in separate
-processes, and HMAC signs every message. With the recorder, every finished step is in mapped memory when the next step begins, and
-on disk 75 ms later. The live view is a separate process. One browser polls it every 0.4 s; another sends fifty requests and never
-reads an answer. Python gives no real-time guarantee: a late answer pauses the specimen. For a test in real time, the controller of
-the laboratory must interpolate between commands.
+Round trip over the loopback interface on two cores: test and specimen (Bouc-Wen-Baber-Noori, 100 fine steps per coarse step) run
+in separate processes, and HMAC signs every message. With the recorder, every finished step is in mapped memory when the next step
+begins, and on disk 75 ms later. The live view is a separate process. One browser polls it every 0.4 s; another sends fifty
+requests and never reads an answer. Python gives no real-time guarantee: a late answer pauses the specimen. For a test in real
+time, the controller of the laboratory must interpolate between commands.
 
 {common.markdown_table(LOOP, results["loop"])}
 """

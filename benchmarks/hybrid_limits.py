@@ -143,8 +143,8 @@ def main() -> None:
 
 `benchmarks/hybrid_limits.py`. {common.machine()}.
 
-Critical delays [ms], as predicted and as found in a simulated loop of constant amplitude (limit of the relative difference: 1e-3).
-The second table compares them with published values:
+Critical delays [ms]: predicted, and found as the delay at which the amplitude of a simulated loop stays constant (limit of the
+relative difference: 1e-3). The second table compares them with published values:
 
 {common.markdown_table(["structure", "predicted", "found in the loop", "relative difference"], results["met"])}
 
@@ -167,12 +167,12 @@ Online filter (one run of the packaged programme): at the end of test #3, its si
 the same tests by 0.4 to 3.7 of the filter's standard deviations. The filter is reported as overconfident for the parameter that
 differs by more than three.
 
-Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
-killed, specimen suspended and resumed, answer not finite, cable unplugged, answer late, disk full. In all 140 cases no finished
-step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000 random or altered frames,
-signed moves with one altered byte (every seventh byte, thirty at random), and 200 open connections that announce megabytes are
-all refused. The server keeps running, and its memory grows by less than 50 MB. A specimen behind a socket gives the same bits as a
-specimen in the same process.
+Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each injected at twenty random times during a test: client
+killed, specimen killed, specimen suspended and resumed, answer not finite, cable unplugged, answer late, disk full. In all 140
+cases no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000 random
+or altered frames, signed moves with one altered byte (every seventh byte, thirty at random), and 200 open connections that
+announce megabytes are all refused. The server keeps running, and its memory grows by less than 50 MB. Results of a specimen behind
+a socket are bit-identical to those of a specimen in the same process.
 """
     common.write_page(quick, NAME, text)
     print(text)

@@ -91,16 +91,17 @@ contains the result in {inside} of {len(rows)} specimens (limit 8 of 10).
 
 {common.markdown_table(HEADS, rows)}
 
-Predictions with independent errors: the force at rest is averaged over one second, and its remaining noise is in every later force
-of the test. Independent errors ignore this correlation, so that the intervals are too narrow. The verdict expresses doubt in two
-of the three cases.
+The next predictions assume independent errors. The force at rest is averaged over one second, and the remaining noise of this
+average is in every later force of the test. Independent errors ignore this correlation, so that the intervals are too narrow. The
+verdict expresses doubt in two of the three cases.
 
 {common.markdown_table(HEADS, beside)}
 
 One run of the façade's storey on two cores (`structid new --like hybrid_facade`: a masonry wall under a rigid beam, three
-channels, typical mortar): the six tests take 14 s. In #5 the wall cracks through at 2.5 s, and a drift of 20 mm remains. The
-posterior after #3 (4 812 values) is sampled by tempered SMC on the wall itself, with 4 × 150 particles and 150 moves. A run of
-1 604 moves takes 5 ms of one core. The sampler converged after 14 minutes beside other work (R-hat 1.002, 1 740 effective draws).
+channels, typical mortar): the six tests take 14 s. In test #5, a crack passes through the whole wall at 2.5 s, and a residual
+drift of 20 mm remains. The posterior after #3 (4 812 values) is sampled by tempered SMC on the wall itself, with 4 × 150
+particles and 150 moves. A run of 1 604 moves takes 5 ms of one core. The sampler converged after 14 minutes, while other jobs ran
+(R-hat 1.002, 1 740 effective draws).
 
 | joints | true | posterior mean | posterior sd |
 | --- | ---: | ---: | ---: |
@@ -109,13 +110,14 @@ posterior after #3 (4 812 values) is sampled by tempered SMC on the wall itself,
 | tangential energy [N/m] | 130 | 130.6 | 1.6 |
 | tangential strength [MPa] | 0.270 | 0.2707 | 0.0017 |
 
-These draws come from the model itself, without a surrogate, and need no certificate. The verdict rightly doubts the error model:
-the residuals are smaller than 0.5 kN and correlated (0.60 between successive moves). The predicted largest drift of #5 is 21.7 to
-39.9 mm (5 to 95 %); the test gave 30.1 mm.
+These draws come from the model itself, without a surrogate, and need no certificate. The verdict correctly reports doubt about
+the error model: the residuals are smaller than 0.5 kN and correlated (0.60 between successive moves). The predicted largest drift
+of #5 is 21.7 to 39.9 mm (5 to 95 %); the test gave 30.1 mm.
 
-The calibration needs a realistic accuracy of the forces, `sd = ["0.5 kN", "0.5 kN", "0.8 kN*m"]` (1 % of their peaks). Micrometres
-decide which joint cracks first. With the true parameters and ten times as accurate sensors, the model still errs by 0.4 kN for some
-dozens of moves. The residual jumps from 0.04 to 0.1 kN if a parameter changes by 0.5 %. Three other settings fail:
+The calibration needs a realistic accuracy of the forces, `sd = ["0.5 kN", "0.5 kN", "0.8 kN*m"]` (1 % of their peaks). Differences
+of micrometres decide which joint cracks first. With the true parameters and sensors ten times as accurate, the forces of the model
+still have errors of 0.4 kN for some dozens of moves. The residual jumps from 0.04 to 0.1 kN if a parameter changes by 0.5 %. Three
+other settings fail:
 
 * AR(1) errors of unknown size. The posterior gives them 30 N and splits into islands: acceptance is 3 %, a tempering step of 40
   moves leaves a correlation of 0.7, and an exponent of 0.02 takes 22 minutes.

@@ -263,8 +263,8 @@ def main() -> None:
 Milliseconds of one run of {DURATION:g} s (4001 samples): medians of {repeats} interleaved repeats of 2000 runs, after compilation.
 Vector code computes several runs at once on one core. Vector code and JAX return the history of one velocity; "misfit" returns
 only the sum of squared residuals. The hand-written Numba kernel has 16 runs in its innermost loop and covers only the plain model.
-The difference is the largest one between the histories of the engines, over the largest value. Engine {engine()}, {lanes()} runs
-per block, half as many for large states, {processor()}. {common.machine("llvmlite", "numba")}.
+The column "difference" gives the largest difference between the histories of vector code and JAX, divided by the largest value.
+Engine {engine()}, {lanes()} runs per block, half as many for large states, {processor()}. {common.machine("llvmlite", "numba")}.
 
 {common.markdown_table(header, table)}
 

@@ -250,7 +250,7 @@ result of `si.certify` with the same limits on the draws of another program. It 
 point, up to 10 to search for missing modes, and up to 30 to learn where the draws are wrong. A program fails if it stops with an
 error or takes more than {LONGEST / 60.0:.0f} minutes.
 
-Seconds are per run. The other programs ran beside other work on the same two cores; structid ran alone.
+Seconds are per run. The other programs shared the two cores with other jobs; structid ran alone.
 
 `certify` cannot detect a mode that neither the program nor any of these runs has visited. Its statement includes this limitation.
 

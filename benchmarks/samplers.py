@@ -342,11 +342,11 @@ def write(quick: bool, speed: list[list[str]], exact: list[list[str]], evidence:
 
 `benchmarks/samplers.py`. {common.machine("emcee", "numpyro", "blackjax")}.
 
-**Samplers**: the number of effective draws is the smallest bulk effective size of a parameter, by one estimator for all programs.
-Seconds include start and warm-up, and are from a second call after compilation; on the model itself from the only call, with fewer
-draws. emcee and NumPyro start from posterior draws, structid from the prior. The last column is the largest deviation of a mean or
-second moment from reference draws, in combined Monte Carlo standard errors; about 3 is expected for the largest of ten. References
-are posteriordb's draws, and tempered SMC with 8000 particles for the study (4000 for the model itself).
+**Samplers**: the number of effective draws is the smallest bulk effective sample size of all parameters, by the same estimator for
+all programs. Seconds include start and warm-up, and are for a second call, after compilation. On the model itself, they are for a
+single call with fewer draws. emcee and NumPyro start from posterior draws, structid from the prior. The last column is the largest
+deviation of a mean or second moment from reference draws, in combined Monte Carlo standard errors; about 3 is expected for the
+largest of ten. References are posteriordb's draws, and tempered SMC with 8000 particles for the study (4000 for the model itself).
 
 {common.markdown_table(speed_heads, speed)}
 

@@ -322,8 +322,9 @@ in the same session with one thread.
 
 {common.markdown_table(["program", "seconds", "error", "limit"], scalar)}
 
-Growth of the cost over N = 250 … 4000: exponent by least squares, and in the last doubling. Other programs (`shared/peers`, N up to
-2000): Kriging by scikit-learn 2.4, OpenTURNS 3.0, SMT 2.2; polynomial chaos by OpenTURNS 1.7, UQpy 0.9.
+Growth of the cost over N = 250 … 4000: exponent by least squares, and in the last doubling. Exponents of other programs
+(`shared/peers`, N up to 2000): 2.4 for Kriging by scikit-learn, 3.0 by OpenTURNS and 2.2 by SMT; 1.7 for polynomial chaos by
+OpenTURNS and 0.9 by UQpy.
 
 {common.markdown_table(["program", "exponent", "last doubling"], growth)}
 """

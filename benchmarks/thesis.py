@@ -36,8 +36,8 @@ def page(chapters: list[Chapter], seconds: float) -> str:
 `benchmarks/thesis.py`, {seconds / 60.0:.0f} min. {common.machine()}.
 
 structid began from an MSc thesis ([1] in the [bibliography](bibliography.md)), whose tables and figures are compared in {count}
-rows. "Published method" is the thesis's method, computed by structid. "Best method" is the one that structid offers instead.
-Sketches, flow charts and photographs (figures 2.1, 3.1, 4.1 to 4.7, 4.12) have no row.
+rows. "Published method" is the thesis's method, computed by structid. "Best method" is the method that structid offers instead.
+Sketches, flow charts and photographs (figures 2.1, 3.1, 4.1 to 4.7, 4.12) are not compared.
 """
     return "\n".join([beginning, *(chapter.text() for chapter in chapters)])
 

@@ -173,7 +173,7 @@ def hybrid_chapter(clock: Clock, quick: bool) -> Chapter:
         ("record_of_the_wall", "F 4.8: the record of the wall tests, and its spectrum."),
         ("hybrid_loops", "F 4.9: force against displacement of the virtual specimen in each test."),
         ("hybrid_histories", "F 4.10: displacements of the virtual specimen."),
-        ("strains", "F 4.11: von Mises strain of a wall at the milestones of test #5."),
+        ("strains", "F 4.11: von Mises strain of the wall at times T1 to T5 of test #5."),
     )
     words = (
         "The tests were done in a laboratory, and their histories are not available. A virtual specimen undergoes the same "
@@ -315,12 +315,15 @@ def facade_chapter(clock: Clock, quick: bool) -> Chapter:
         *narx(clock, folder, quick),
     ]
     drawn = (
-        ("joint", "F 5.1: traction against opening and against slip."),
+        ("joint", "F 5.1: traction of a joint against its opening and against its slip."),
         ("mesh", "F 5.2: the mesh."),
-        ("passages", "F 5.3: first passage of 130 mm against each parameter."),
-        ("passages_pairs", "F 5.3: first passage over pairs of parameters."),
-        ("passages_strong", "F 5.4: first passage for the high-strength part of the prior range."),
-        *((f"facade_{c}", f"F 5.{5 + k}, 5.{8 + k}: NARX of {c} over its design.") for k, c in enumerate(MONITORED)),
+        ("passages", "F 5.3: time of first passage of 130 mm against each parameter."),
+        ("passages_pairs", "F 5.3: time of first passage over pairs of parameters."),
+        ("passages_strong", "F 5.4: time of first passage in the high-strength part of the prior range."),
+        *(
+            (f"facade_{c}", f"F 5.{5 + k}, 5.{8 + k}: free runs of the NARX of {c} at the points of its design.")
+            for k, c in enumerate(MONITORED)
+        ),
     )
     words = "El Centro with a PGA of 6.36 m/s²: 2.5 s sampled at 10 ms, integrated with a time step of 1 ms."
     return Chapter("Chapter 5: the façade", words, tuple(rows), drawn)

@@ -458,9 +458,9 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
         rows += posteriors(study, clock, folder, quick)
     words = (
         "El Centro 1940 replaces the thesis's record, Montenegro 1979, which is not available. It has the same filter and the "
-        "same PGA of 3.59 m/s². At this PGA, El Centro damages the experiment so much that the model without degradation "
-        "explains a quarter of its response. Posteriors are therefore at 1.8 m/s², where the fit is as good as in the thesis. "
-        "The data of searches and posteriors are the exact response, as in the thesis."
+        "same PGA of 3.59 m/s². At this PGA, El Centro damages the structure so much that the model without degradation "
+        "explains a quarter of its response. Posteriors are therefore computed at a PGA of 1.8 m/s², where the fit is as good "
+        "as in the thesis. As in the thesis, searches and posteriors use the exact response as data."
     )
     drawn = (
         ("record", "F 3.2: the substitute record and its spectrum."),
@@ -469,17 +469,17 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
         ("experiment", "F 3.4: the simulated experiment."),
         ("loop", "F 3.7: two lines through the loop of the experiment."),
         ("prior", "F 3.8: samples of the priors, by Latin hypercube."),
-        ("narx_over_the_design", "F 3.12, 3.13: NARX by the published method, free runs over its design."),
-        ("coefficients", "F 3.14: coefficients of PC-NARX by the published method against coefficients of each run."),
-        ("pc_narx", "F 3.15, 3.16: PC-NARX by the published method on validation runs."),
-        ("pc_narx_best", "PC-NARX with default settings on validation runs."),
-        ("traces_the_model", "F 3.9: traces of the model's posterior, converged."),
-        ("pairs_the_model", "F 3.10: the model's posterior."),
+        ("narx_over_the_design", "F 3.12, 3.13: free runs of the NARX (published method) at the points of its design."),
+        ("coefficients", "F 3.14: coefficients of PC-NARX (published method) against coefficients fitted to each run."),
+        ("pc_narx", "F 3.15, 3.16: predictions of PC-NARX (published method) for validation runs."),
+        ("pc_narx_best", "Predictions of PC-NARX (default settings) for validation runs."),
+        ("traces_the_model", "F 3.9: converged traces of the posterior under the model itself."),
+        ("pairs_the_model", "F 3.10: the posterior under the model itself."),
         ("response_the_model", "F 3.11: the response at the MAP estimate, with its band."),
-        ("traces_pc_narx", "F 3.17: traces under PC-NARX by the published method."),
+        ("traces_pc_narx", "F 3.17: traces of the posterior under PC-NARX (published method)."),
         ("pairs_pc_narx", "F 3.18: the posterior under PC-NARX."),
         ("response_pc_narx", "F 3.19: the response of PC-NARX."),
-        ("traces_kriging_narx", "F 3.20: traces under Kriging-NARX by the published method."),
+        ("traces_kriging_narx", "F 3.20: traces of the posterior under Kriging-NARX (published method)."),
         ("pairs_kriging_narx", "F 3.21: the posterior under Kriging-NARX."),
         ("response_kriging_narx", "F 3.22: the response of Kriging-NARX."),
     )

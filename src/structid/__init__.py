@@ -1,7 +1,7 @@
 """Bayesian structural identification: from a measured response history to a posterior one can trust.
 
-The names below are public. A name is loaded at its first use, so that the command line starts quickly. Editors and type checkers
-read the names from ``__init__.pyi``.
+The names below are public. Each name is imported at its first use, so that the command line starts quickly. Editors and type
+checkers read the names from ``__init__.pyi``.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ _PUBLIC = {
 """Public names and their modules."""
 
 _RENAMED = {"choose_law": "choose_error_model"}
-"""Earlier public names, kept for one version."""
+"""Deprecated public names and their replacements, kept for one version."""
 
 _MODULES = ("optimize",)
 """Public modules."""

@@ -147,7 +147,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
 def test_no_room_to_put_the_runs_together(tmp_path, monkeypatch):
     monkeypatch.setattr("structid.campaign.run_file.shutil.disk_usage", lambda p: type("Usage", (), {"free": 10})())
     path, design = tmp_path / "runs.h5", SPACE.sample(4, seed=1)
-    with pytest.raises(StoreError, match="The runs are safe in its parts"):
+    with pytest.raises(StoreError, match="The runs are safe in the existing files"):
         si.Campaign(wave_model(), RECORD, design, path).run()
     assert si.open_runs(path).done.all()
     monkeypatch.undo()

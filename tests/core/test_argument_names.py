@@ -64,7 +64,7 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
         ),
         (
             lambda: si.calibrate(MODEL, SPACE, MEASURED, "pod_kriging"),
-            r"calibrate\(surrogate\): the text 'pod_kriging'",
+            r"calibrate\(surrogate\): the string 'pod_kriging'",
         ),
         (
             lambda: si.Posterior(SPACE, MODEL, RECORD.values),
@@ -80,7 +80,7 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
             r"ParameterSpace\(a\): SciPy's norm.*structid\.Uniform",
         ),
         (lambda: si.Posterior(SPACE, MODEL, [MEASURED, 3.0]), r"Posterior\(observations\): a float"),
-        (lambda: si.Posterior(SPACE, MODEL, MEASURED, "ar1"), r"Posterior\(discrepancy\): the text 'ar1'.*AR1"),
+        (lambda: si.Posterior(SPACE, MODEL, MEASURED, "ar1"), r"Posterior\(discrepancy\): the string 'ar1'.*AR1"),
         (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): an AIES\. Expected: a structid.Posterior"),
     ],
 )
@@ -104,10 +104,10 @@ def test_what_is_given_is_shown_in_a_line():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: RECORD.scale_to_pga("0.2 g"), r"scale_to_pga\(pga\): the text '0.2 g'. Expected: a number.*help\("),
-        (lambda: si.sample(None, seed="a"), r"sample\(seed\): the text 'a'"),
-        (lambda: si.Uniform("1 kN", 2.0), r"Uniform\(low\): the text '1 kN'"),
-        (lambda: RECORD.lowpass(edge="20"), r"lowpass\(edge\): the text '20'"),
+        (lambda: RECORD.scale_to_pga("0.2 g"), r"scale_to_pga\(pga\): the string '0.2 g'. Expected: a number.*help\("),
+        (lambda: si.sample(None, seed="a"), r"sample\(seed\): the string 'a'"),
+        (lambda: si.Uniform("1 kN", 2.0), r"Uniform\(low\): the string '1 kN'"),
+        (lambda: RECORD.lowpass(edge="20"), r"lowpass\(edge\): the string '20'"),
     ],
 )
 def test_a_text_in_the_place_of_a_number(call, words):

@@ -36,7 +36,7 @@ def test_reasons_beyond_the_first_ten_are_counted():
     failures = [(f"reason {i}", 20 - i) for i in range(13)]
     lines = counted_reasons(failures)
     assert lines[0].split() == ["20", "x", "reason", "0"] and len(lines) == 11
-    assert "27 for 3 more reasons" in lines[-1] and "--failed" in lines[-1]
+    assert "27 runs, for 3 more reasons" in lines[-1] and "--failed" in lines[-1]
     assert len(counted_reasons(failures[:10])) == 10
 
 

@@ -41,7 +41,7 @@ def test_wrong_quantities_name_the_key(text):
         (
             "2",
             "",
-            "'2', a text without a unit. Expected: a text with its unit, such as '2 %', or the number without quotes",
+            "'2', a string without a unit. Expected: a string with a unit, such as '2 %', or the number without quotes",
         ),
     ],
 )
@@ -70,7 +70,7 @@ def test_a_kilonewton_is_no_knot():
     [
         ("10 kN", "kg", "a weight"),
         ("3 %", "N*s/m", "damping_ratio"),
-        ("130 1/m", "1/m^2", "Change the number with the unit"),
+        ("130 1/m", "1/m^2", "Convert the number with the unit"),
         ("130 1/m", "", r"a plain number, without a unit.*if the exponent n is unknown"),
         ("10 s", "kg", "Correct the unit"),
     ],
@@ -95,7 +95,7 @@ def test_a_unit_that_is_no_factor_is_refused(unit):
         ("tons", "short_ton"),
         ("kton", "'t' for 1000 kg"),
         ("tonf/m", "'tf'"),
-        ("pH", "an acidity"),
+        ("pH", "a pH value"),
     ],
 )
 def test_a_word_of_several_meanings_is_refused(unit, cure):

@@ -127,7 +127,7 @@ def test_a_specimen_that_is_expected_to_be_stiffer(times):
     checked = HybridTest(
         UPPER, SimulatedSpecimen(LOWER.force), record(), dt=0.05, time_scale=100.0, physical=stiffer
     ).check()
-    assert any(f"a stiffness of {times:.3g} times" in warning for warning in checked.warnings)
+    assert any(f"stiffness of the specimen is {times:.3g} times" in warning for warning in checked.warnings)
     radius_is_told = any("times as stiff as K₀" in refusal and "grows by" in refusal for refusal in checked.refusals)
     assert radius_is_told == (not checked.can_work) == (times == 20.0)
 

@@ -81,7 +81,10 @@ def test_the_simplest_of_equals_is_chosen():
         assert ErrorModelChoice(results).chosen == 0
     worse = results[0] if results[0].log_evidence.value < results[1].log_evidence.value else results[1]
     better = results[1] if worse is results[0] else results[0]
-    assert "simpler than iid and has the same evidence within the errors" in ErrorModelChoice((worse, better)).sentence
+    assert (
+        "simpler than iid and has the same evidence within the standard errors"
+        in ErrorModelChoice((worse, better)).sentence
+    )
 
 
 def test_only_a_loop_over_time_can_drift():

@@ -109,7 +109,7 @@ def test_bounds_out_of_order_have_their_cure(low, high, cure):
 
 
 def test_a_list_of_priors_is_no_empty_space():
-    with pytest.raises(InputError, match=r"no dictionary of priors.*priors by name"):
+    with pytest.raises(InputError, match=r"not a dictionary of priors.*priors by name"):
         si.ParameterSpace([si.Normal(0.0, 1.0)])
 
 

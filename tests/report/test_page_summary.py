@@ -91,7 +91,7 @@ def test_draws_that_have_not_converged_come_first_and_alone():
     [
         ({"certificate": certificate("usable with re-weighting")}, "doubtful", "re-weighting", "Use the result"),
         ({"certificate": certificate("not")}, "bad", "do not use", "true_runs = 400"),
-        ({"certificate": certificate("not"), "cost": object()}, "good", "the model itself decided", "Use the result"),
+        ({"certificate": certificate("not"), "cost": object()}, "good", "the model itself accepted", "Use the result"),
         ({"surrogate": object()}, "doubtful", "not certified", "Use the result"),
     ],
 )
@@ -185,6 +185,6 @@ def test_a_comparison_says_which_to_use_and_when_none_is_right():
     _, further = comparison_summary(compared(("plain", wrong, True), ("other", wrong, True)))
     assert "still wrong" in further[0]
     believed, further = comparison_summary(compared(("plain", right, False), ("degrading", right, True)))
-    assert "not to be trusted" in believed[0].said and further == [
-        "Finish plain first: structid run … --resume. Until then the order may change."
+    assert "do not trust its numbers" in believed[0].said and further == [
+        "Finish plain first: structid run … --resume. Until then, the ranking may change."
     ]

@@ -57,12 +57,12 @@ LOSSY_ARRAYS = {
     "masked": (MASKED, "1 masked value"),
     "masked rows": ([MASKED, MASKED], "masked value"),
     "complex": (np.array([1.0, 2.0 + 1e-3j]), "complex numbers"),
-    "text": (np.array(["1.5", "2.5"]), "text such as '1.5'"),
-    "text in a list": ([1.0, "2.5"], "the text '2.5'|text such as"),
+    "text": (np.array(["1.5", "2.5"]), "strings such as '1.5'"),
+    "text in a list": ([1.0, "2.5"], "the string '2.5'|strings such as"),
     "objects": (np.array([1.0, None], dtype=object), "None"),
-    "text objects": (np.array([1.0, "2.5"], dtype=object), "the text '2.5'"),
+    "text objects": (np.array([1.0, "2.5"], dtype=object), "the string '2.5'"),
     "quantities": (Quantity(), "quantities in millimeter"),
-    "text in a table": (pandas.Series(["1.5", "2.5"], dtype="string"), "text such as|the text '1.5'"),
+    "text in a table": (pandas.Series(["1.5", "2.5"], dtype="string"), "strings such as|the string '1.5'"),
 }
 WRONG_NUMBERS = {
     "nan": (float("nan"), "nan, which is not a number"),
@@ -94,7 +94,7 @@ def test_a_number_is_a_number(function, name):
 
 @pytest.mark.parametrize(("function", "name"), arguments(lambda check: check.number and not check.open))
 def test_text_is_never_a_number(function, name):
-    assert "the text '1.5'" in refusal(function, name, "1.5")
+    assert "the string '1.5'" in refusal(function, name, "1.5")
 
 
 @pytest.mark.parametrize(("function", "name"), arguments(lambda check: check.array and not check.number))

@@ -41,7 +41,7 @@ def test_good_draws_with_their_density(drawn):
     )
     assert called.returncode == 0 and head in called.stdout, called.stdout + called.stderr
     page = (folder / "good" / "report.html").read_text()
-    assert "Certified." in page and "Draws of draws.nc" in page and "Difference between model and draws" in page
+    assert "Certified." in page and "Draws from draws.nc" in page and "Difference between model and draws" in page
     figures = json.loads((folder / "good" / "certificate.json").read_text())
     assert figures["verdict"] == "certified" and figures["names"] == list(result.target.compared_names)
     again = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
@@ -76,5 +76,5 @@ def test_what_the_runs_have_taught_is_on_the_page(tmp_path):
     for place, one in enumerate((found, replace(found, correction=correction, missing=0.0071))):
         material = CertificateMaterial("Draws", "", "draws.nc", one, ("a", "b"), ("m", ""), np.array([1.0, 1.0]))
         pages.append(write_certificate_report(material, tmp_path / str(place), {}).read_text())
-    told = ("The two differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%", "-0.16 with b")
+    told = ("Their total variation distance is 3.4 %", "+0.050 ± 0.004", "+3.0 %", "0.71%", "-0.16 with b")
     assert all(said in pages[1] and said not in pages[0] for said in told)

@@ -29,7 +29,7 @@ def test_it_names_the_engine_and_the_caches(tmp_path, monkeypatch):
 
 def test_it_says_why_loops_run_on_jax(tmp_path, monkeypatch):
     monkeypatch.setenv("STRUCTID_ENGINE", "jax")
-    assert "JAX computes the time loops" in said(tmp_path) and "STRUCTID_ENGINE=jax" in said(tmp_path)
+    assert "JAX runs the time integration" in said(tmp_path) and "STRUCTID_ENGINE=jax" in said(tmp_path)
 
 
 def test_without_llvmlite_it_says_so(tmp_path, monkeypatch):

@@ -1,1 +1,1 @@
-"""Calibration of an expensive model: surrogate, posterior, model runs in the posterior's region, until a certificate holds."""
+"""Calibration of an expensive model by a surrogate, which new model runs improve until a certificate is issued."""

@@ -1,6 +1,6 @@
-"""Adoption of another version's runs by a stored calibration, which restarts with them.
+"""Restart of a stored calibration with the model runs of another version of the model.
 
-A user corrects a solver, and its completed runs remain valid. Rounds, surrogates and draws belong to the old version and are
+A user may correct a solver whose completed runs remain valid. Rounds, surrogates and draws belong to the old version and are
 removed. The runs themselves are kept, and become the first design of the new version's calibration.
 """
 
@@ -21,7 +21,7 @@ from structid.core.errors import StoreMismatchError
 from structid.core.journal import write_then_rename
 
 FIRST_DESIGN = "first_design.npy"
-"""File with the first points of a calibration, if they are not the planned points."""
+"""Name of the file with the first points of a calibration, if they differ from the planned points."""
 
 
 def first_design(
@@ -34,7 +34,7 @@ def first_design(
 
 
 def take_over(true: ModelRuns) -> None:
-    """Restart a stored calibration with its runs if another version of the model made them."""
+    """Restart a stored calibration with its stored runs if they come from another version of the model."""
     folder = true.folder
     if folder is None or not _of_another_model(true):
         return

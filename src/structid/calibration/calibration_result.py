@@ -27,7 +27,7 @@ from structid.inference.sampling_result import THINNED_DRAWS, SamplingResult
 from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
-"""Spread of a round's log weights, and surrogate error of the log density, below which a certificate is likely [nat]."""
+"""Standard deviations of a round's log weights and surrogate error below which a certificate is likely [nat]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +56,22 @@ class Round:
 
     @property
     def promising(self) -> bool:
-        """Whether the round's own plain draws make a certificate likely."""
+        """Whether the model runs at the round's plain draws make a certificate likely."""
         judged_before_they_train = self.certificate is None and self.fresh > 0 and self.failed == 0
         return judged_before_they_train and self.spread <= PROMISING and self.deviation <= PROMISING
 
     @property
     def to_be_judged_again(self) -> bool:
-        """Whether its certificate was refused, so that its draws can assess the next surrogate."""
+        """Whether the round's certificate was refused, so that its draws can assess the next surrogate."""
         return self.certificate is not None and not self.certificate.certified and not self.again
 
     def __str__(self) -> str:
         text = f"round {self.number + 1}: surrogate of {self.training} runs, "
         if self.fresh:
-            which = "the same draws, each left out in turn" if self.again else "fresh draws of its posterior"
+            which = "certificate draws, each left out in turn" if self.again else "fresh draws of its posterior"
             text += f"its log density differs from the model's by {self.spread:.2g} nats (sd) at {self.fresh} {which}"
         else:
-            text += f"not yet certain of its posterior, only up to the likelihood to the power of {self.exponent:.2g}"
+            text += f"not yet accurate for its posterior, only for the likelihood to the power of {self.exponent:.2g}"
         return text + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
@@ -122,18 +122,18 @@ class CalibrationResult(ShownAsText):
 
     @property
     def depth(self) -> int:
-        """Number of successive rounds of model runs, without the first design."""
+        """Number of successive rounds of model runs, excluding the first design."""
         return sum(not r.again for r in self.rounds)
 
     @property
     def enough_to_go_on(self) -> int:
-        """Smallest budget with which a refused calibration continues: enough for one more round with a certificate."""
+        """Smallest budget that allows one more round with a certificate after a refused certificate."""
         last = self.rounds[-1]
         return self.certificate.true_runs + last.fresh + last.others
 
     @property
     def exact(self) -> bool:
-        """Whether the draws follow the model's own posterior, for any verdict of the certificate."""
+        """Whether the draws come from the model's own posterior, whatever the certificate's verdict."""
         return self.sampling.cost is not None
 
     @property
@@ -229,7 +229,8 @@ class CalibrationResult(ShownAsText):
         Returns
         -------
         Evidence
-            Evidence multiplied by the mean weight of the certificate's draws, including the error of this weight.
+            Evidence multiplied by the mean weight of the certificate's draws; its standard error includes that of the
+            mean weight.
         """
         ratios, shares = self.rounds[-1].log_weights, self.rounds[-1].shares
         largest = ratios.max()
@@ -240,7 +241,7 @@ class CalibrationResult(ShownAsText):
 
     @property
     def log_evidence(self) -> Evidence | None:
-        """Log Z of the model, if the sampler estimates the surrogate's log Z."""
+        """Log evidence of the model; None if the sampler does not estimate the surrogate's log evidence."""
         evidence = self.sampling.log_evidence
         return None if evidence is None else self.corrected(evidence)
 
@@ -257,12 +258,13 @@ class CalibrationResult(ShownAsText):
         channels : tuple of str, optional
             Channels to predict; by default the measured channels.
         **settings
-            ``draws``, ``seed``, ``progress``; see `prediction.predict`. The draws are the sampler's, which are not re-weighted.
+            ``draws``, ``seed``, ``progress``; see `prediction.predict`. The prediction uses the sampler's draws,
+            without re-weighting.
 
         Returns
         -------
         Prediction
-            Draws of the response with and without errors, bands, peaks.
+            Draws of the response, with and without errors, and its bands and peaks.
         """
         assert isinstance(self.sampling.target, Posterior)
         theta = self.sampling.thinned(settings.pop("draws", THINNED_DRAWS))

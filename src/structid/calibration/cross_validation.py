@@ -1,10 +1,10 @@
-"""Cross-validation of a surrogate by the draws of a refused certificate, which costs no model run.
+"""Cross-validation of a surrogate with the draws of a refused certificate, without further model runs.
 
-The draws train the next surrogate and assess it in groups; each group is left out in turn. A surrogate is fitted to all runs
-except one group of draws and evaluated at this group, since a certificate requires unseen draws. Its posterior q₍₎ differs
-slightly from the posterior q of the surrogate fitted to all runs; this difference needs no model run. To first order, the
-variation of π/q is at most the sum of the variations of π/q₍₎ and q₍₎/q. This also holds for averages over the groups: the root
-mean square of the variations of π/q₍₎, which all draws together estimate, and the mean of the variations of q₍₎/q.
+The draws train the next surrogate and assess it by cross-validation, in which each fold of draws is left out in turn. A surrogate
+is fitted to all runs except one fold and evaluated at this fold, since a certificate requires unseen draws. Its posterior q₍₎
+differs slightly from the posterior q of the surrogate fitted to all runs; this difference needs no model run. To first order, the
+variation of π/q is at most the sum of the variations of π/q₍₎ and q₍₎/q. This also holds for averages over the folds: the root
+mean square variation of π/q₍₎, estimated from all draws, and the mean variation of q₍₎/q.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Left = Callable[[np.ndarray], Posterior]
 def cross_validate(
     last: Batch, drawn: SamplingResult, under: Posterior, without: Left
 ) -> tuple[Batch, DensityDifference]:
-    """Assess a surrogate by the draws of a refused certificate that have trained it."""
+    """Cross-validate a surrogate with the draws of a refused certificate, which are among its training runs."""
     some = drawn.thinned(COMPARED)
     of_all = under.log_density(some)
     log_surrogate = np.empty(len(last.fresh))

@@ -1,4 +1,4 @@
-"""Exploration of a surrogate's posterior by tempering, and the exponent up to which the surrogate is certain."""
+"""Exploration of a surrogate's posterior by tempering, and the exponent up to which the surrogate is accurate."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.surrogates.base import Surrogate
 
 SAMPLED_RESPONSES = 8
-"""Number of responses drawn from the surrogate error at each point, for the variance of the log density."""
+"""Number of responses sampled from the surrogate's error at each point, for the variance of the log density."""
 
 PARTICLES_ASKED = 64
-"""Number of particles of a tempering step at which this variance is evaluated."""
+"""Approximate number of particles of a tempering step at which the variance due to the surrogate error is evaluated."""
 
 SMALLEST_EXPONENT = 1e-300
-"""Exponent assigned to the prior when exponents are compared by their logarithms."""
+"""Exponent assigned to the prior when likelihood exponents are compared by their logarithms."""
 
 LARGEST_VARIANCE = 1.0
-"""Variance of a tempered log density due to the surrogate error above which its draws mostly reflect this error."""
+"""Variance of a tempered log density due to the surrogate error above which the draws mostly reflect this error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Exploration:
         return np.array([block["exponent"][-1] for block in self.blocks])
 
     def nearest(self, exponent: float) -> int:
-        """The block with the closest exponent, by logarithms."""
+        """Return the index of the block with the closest exponent on a logarithmic scale."""
         log_exponents, log_target = (
             np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)),
             np.log(max(exponent, SMALLEST_EXPONENT)),
@@ -95,7 +95,7 @@ class Exploration:
 
     @cached_property
     def trusted(self) -> int:
-        """The last block whose tempered log density varies by less than `LARGEST_VARIANCE` with the surrogate error."""
+        """Index of the last block whose tempered log density has a surrogate variance of at most `LARGEST_VARIANCE`."""
         last = len(self.blocks) - 1
         stages = [int(np.flatnonzero(self.exponents == e)[-1]) for e in np.unique(self.exponents) if e > 0.0]
         for block in reversed(stages):
@@ -105,7 +105,7 @@ class Exploration:
 
     @property
     def sure(self) -> bool:
-        """Whether that block is the posterior itself."""
+        """Whether the block `trusted` is the posterior itself."""
         return bool(self.exponents[self.trusted] == 1.0)
 
     @cached_property
@@ -114,20 +114,20 @@ class Exploration:
         return float(np.sqrt(self.variance()))
 
     def variance(self, block: int = -1) -> float:
-        """Mean variance of the log density due to the surrogate error, at particles of a block."""
+        """Return the mean, over some particles of a block, of the log density's variance due to the surrogate error."""
         phi = self.particles(block)
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
     def variance_at(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
-        """Variance of the log density due to the surrogate error, at points."""
+        """Variance of the log density due to the surrogate error, at each point."""
         return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
 
 
 def variance_by_the_surrogate(
     posterior: Posterior, surrogate: Surrogate, theta: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, " run"]:
-    """Variance of the log density among responses drawn from a surrogate's error, at points."""
+    """Return the variance of the log density at each point, over responses sampled from the surrogate's error."""
     rng = stream(0, Purpose.SURROGATE_ERROR)  # the same stream at every call, so that points can be compared
     parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
     rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)

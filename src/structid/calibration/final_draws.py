@@ -1,4 +1,4 @@
-"""Draws of a surrogate's posterior for a certificate: converged, and confirmed by a second sampler."""
+"""Draws from a surrogate's posterior for a certificate: converged, and confirmed by a second sampler."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ MORE_CAREFUL = (
     replace(USUAL_SAMPLER, particles=1000, effective_share=0.7, correlation=0.1, most_moves=100, steps=150),
     replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
 )
-"""Further samplers while draws have not converged: particles move slowly along a narrow ridge. If they move too little in a
-tempering step, they reach equilibrium in the end, but evidence is lost, and the second sampler disagrees."""
+"""Samplers to try in turn until the draws converge, since particles move slowly along a narrow ridge. With too few moves in a
+tempering step, the particles still reach equilibrium, but the evidence is inaccurate, and the second sampler disagrees."""
 
 ASKED = 64
 """Number of draws at which the surrogate error is evaluated."""
 
 NOT_YET_LONGEST = 4
-"""Factor on the steps of a second sampler that disagrees, if a more careful sampler follows."""
+"""Factor on the steps of a second sampler that disagrees, while a more careful sampler remains to be tried."""
 
 LONGER = (1, 4, 16)
-"""Factor on the steps of a user's sampler while its draws have not converged."""
+"""Factors on the number of steps of a user's sampler, tried in turn until its draws converge."""
 
 
 @dataclass(frozen=True, eq=False)
 class FinalDraws:
-    """Draws with the evidence that they represent their posterior."""
+    """Draws from a surrogate's posterior, with the checks that they represent it."""
 
     sampling: SamplingResult = field(repr=False)  # the draws
     representation: Representation  # comparison with a second sampler
@@ -55,7 +55,7 @@ class FinalDraws:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Evidence against the draws, one sentence each; empty where there is none."""
+        """Reasons why the draws may not represent their posterior, one sentence each; empty if there are none."""
         unsure = ["the surrogate's density is unreliable at these draws: it may have a false mode there"]
         return (
             *self.sampling.failures,
@@ -74,7 +74,7 @@ def final_draws(
     folder: Path | None,
     report: Progress,
 ) -> FinalDraws:
-    """Draw from a surrogate's posterior until the draws converge and a second sampler agrees, with more work at each attempt."""
+    """Sample a surrogate's posterior with increasing effort until the draws converge and a second sampler agrees."""
     with tempfile.TemporaryDirectory() as scratch:
         where = Path(scratch) if folder is None else folder
         tried = _one_after_another(sampler)
@@ -98,7 +98,7 @@ def final_draws(
 def _beside(
     under: Posterior, drawn: SamplingResult, starts: np.ndarray, seed: int, again: SMC, longest: int, path: Path
 ) -> Representation:
-    """Comparison of the draws with a second sampler's, computed once and then read from the store."""
+    """Compare the draws with those of a second sampler, or read a stored comparison."""
     settings = digest(repr(again), longest, starts)
     identity = {"posterior": under.content_hash, "sampler": repr(drawn.sampler), "seed": seed, "settings": settings}
     journal = Journal(path, identity)
@@ -110,7 +110,7 @@ def _beside(
 
 
 def _made_up(under: Posterior, surrogate: Surrogate, drawn: SamplingResult) -> np.ndarray:
-    """Draws at which the surrogate is uncertain; none if it is certain on average."""
+    """Return the draws with a large variance due to the surrogate error; none if the mean variance is small."""
     some = drawn.thinned(ASKED)
     variance = variance_by_the_surrogate(under, surrogate, some)
     return some[variance > LARGEST_VARIANCE] if np.mean(variance) > LARGEST_VARIANCE else some[:0]

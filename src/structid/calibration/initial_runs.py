@@ -1,4 +1,4 @@
-"""First runs of a calibration; the design is extended while too many runs have failed for a surrogate."""
+"""First runs of a calibration, extended until enough of them succeed for a surrogate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from structid.surrogates.base import SurrogateSettings
 def make_first_runs(
     true: ModelRuns, settings: SurrogateSettings, planned: Callable[[int], np.ndarray], left: Callable[[int], int]
 ) -> None:
-    """Run the first design, and extend it while too many runs have failed for a surrogate."""
+    """Run the first design, and extend it within the budget until enough runs succeed for a surrogate."""
     true.make()
     true.refuse_hopeless()
     while left(len(true)) >= FEWEST_IN_A_BATCH and not _fit_for_a_surrogate(true, settings):
@@ -31,7 +31,7 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: ModelRuns) -> None:
-    """Warn about the measurements, and about their comparison with all first runs: a wrong unit, sign or time base."""
+    """Warn about faults in the measurements, and about a wrong unit, sign or time base that all first runs indicate."""
     finished = np.flatnonzero(true.finished)
     from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
     for observation, responses in zip(true.observations, true.responses(), strict=True):

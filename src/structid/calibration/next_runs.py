@@ -1,4 +1,4 @@
-"""Choice of the next model runs: draws of the posterior where the surrogate is certain, tempered draws on the way there."""
+"""Choice of the next model runs: posterior draws if the surrogate is accurate there, tempered draws otherwise."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 
 PLAIN_SHARE = 0.5
-"""Fraction of a batch that are plain draws of the posterior: they show the surrogate's quality before they improve it."""
+"""Fraction of a batch drawn from the posterior itself; its runs assess the surrogate before they train the next one."""
 
 AHEAD = 100.0
-"""Factor on the exponent up to which the surrogate is certain, for the next batch. A surrogate that is uncertain in large
-regions is often good in the small one that matters."""
+"""Factor between the likelihood exponent up to which the surrogate is accurate and that of the next batch. A surrogate that is
+uncertain in large regions is often accurate in the small region that matters."""
 
 SCOUTS, MOST_SCOUTS = 4000, 2
 """Number of prior draws searched for points beyond all runs, and largest number of such points in a batch."""
 
 PLAUSIBLE = 25.0
-"""Depth below the highest posterior density to which the density at the edge of the runs may fall, for a search beyond it
-[nat]. A surrogate is unreliable far outside its runs, and a density that falls to this value may rise again."""
+"""Largest fall of the log density, from its maximum to the edge of the runs, with which the search continues beyond the edge
+[nat]. A surrogate is unreliable far outside its runs: a density that falls by this much may rise again."""
 
 POPULATION = 4000
-"""Largest number of draws used for a certificate's statement."""
+"""Largest number of draws that represent the posterior in a certificate."""
 
 CANDIDATES = 200
-"""Number of draws among which the surrogate error is compared."""
+"""Number of candidate points from which a batch is chosen."""
 
 TEMPERED_SHARE = 1.0 / 3.0
 """Fraction of a certificate's draws that are tempered: plain draws rarely reach beyond a posterior that is too narrow."""
@@ -53,7 +53,7 @@ class Batch:
     highest: float  # largest log density of the surrogate's posterior among them
 
     def points(self, dimension: int) -> Float[np.ndarray, "point model_parameter"]:
-        """All points of the model's parameters, the fresh draws first."""
+        """Return the model parameters of all points, the fresh draws first."""
         return np.concatenate([self.fresh[:, :dimension], self.others])
 
     def to_entry(self) -> dict[str, np.ndarray]:
@@ -62,18 +62,18 @@ class Batch:
 
     @classmethod
     def of(cls, entry: dict[str, np.ndarray]) -> Batch:
-        """Rebuild from a journal entry, which may contain more."""
+        """Rebuild from a journal entry; its other items are ignored."""
         fields_of_batch: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
         return cls(**fields_of_batch | {"highest": float(entry["highest"])})
 
     def of_the_errors(self, dimension: int, count: int) -> Float[np.ndarray, "draw discrepancy_parameter"]:
-        """Some draws of the error model's parameters."""
+        """Return some draws of the error model's parameters."""
         error_parameters = self.population[:: max(1, len(self.population) // count), dimension:]
         return error_parameters[:count] if error_parameters.shape[1] else error_parameters[:1]
 
 
 def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, rng: np.random.Generator) -> Batch:
-    """Choose the draws of a certificate: plain draws, and a fraction of tempered draws."""
+    """Choose the draws of a certificate: about two thirds plain draws, one third tempered draws."""
     stage = explored.nearest(TEMPERATURE)
     wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
     rows = rng.permutation(np.unique(drawn.flat, axis=0, return_index=True)[1])[: count - len(wide)]
@@ -94,7 +94,7 @@ def next_batch(
     rng: np.random.Generator,
     made_up: Float[np.ndarray, "draw parameter"] | None = None,
 ) -> Batch:
-    """Choose a batch that improves the surrogate near its posterior, as far as the surrogate is certain of it."""
+    """Choose a batch that improves the surrogate near its posterior, or on the way to it while it is inaccurate."""
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
     posterior = explored.posterior
@@ -118,9 +118,9 @@ def next_batch(
 
 
 def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the prior beyond all runs where a mode could be, that is, with a high density at the edge of the runs.
+    """Return prior draws beyond all runs that could lie in a mode, since the density is high at the edge of the runs.
 
-    Their error-model parameters come from the posterior.
+    The density is evaluated with error-model parameters from the posterior.
     """
     posterior, dimension = explored.posterior, explored.posterior.model_space.dimension
     prior = posterior.bijection(posterior.initial(SCOUTS, rng))[0][:, :dimension]
@@ -132,7 +132,7 @@ def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.nda
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
-    """Points of a tempered posterior with an exponent well above the last for which the surrogate is certain."""
+    """Choose a batch from a tempered posterior; its exponent is well above the last with an accurate surrogate."""
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
     ahead = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
@@ -158,7 +158,7 @@ def beyond_the_runs(
 ) -> Int[np.ndarray, " point"]:
     """Choose the furthest candidate in each direction in which a posterior reaches beyond all runs.
 
-    Beyond its reach a surrogate is as certain as within it, so that its standard deviation gives no warning.
+    Beyond its runs a surrogate appears as certain as among them, so that its standard deviation gives no warning.
     """
     above = particles.max(axis=0) > known.max(axis=0)
     below = particles.min(axis=0) < known.min(axis=0)
@@ -174,7 +174,7 @@ def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -
 
 
 def _scores(posterior: Posterior, theta: np.ndarray) -> np.ndarray:
-    """The model's parameters as prior probabilities, which are comparable."""
+    """Return the prior cumulative probabilities of the model's parameters, which have a common scale."""
     space = posterior.model_space
     return space.cdf(theta[:, : space.dimension])
 

@@ -18,19 +18,19 @@ from structid.probability.designs import Design
 from structid.surrogates.base import SurrogateSettings
 
 FIRST_DESIGN = (2, 2)
-"""Points of a first design, and additional points per parameter."""
+"""Number of points of a first design, and number of additional points for each parameter."""
 
 FEWEST = 10
 """Minimum number of points of a first design."""
 
 IN_A_ROUND, FURTHER, AMONG = 10, 4, 4
-"""Points in a round, and additional points for each parameter above a number of parameters."""
+"""Points in a round, additional points for each further parameter, and number of parameters without such points."""
 
 ENLARGED = 1.25
 """Factor by which a first design grows until a surrogate can be fitted to it."""
 
 FEWEST_IN_A_BATCH = 4
-"""Smallest batch that makes a round before the last certificate."""
+"""Smallest batch for which another round precedes the last certificate."""
 
 
 @renamed_argument(explorer="exploration_sampler")
@@ -48,9 +48,9 @@ class Plan:
         Points of the first design. By default two plus two for each parameter, at least ten, or as many as the surrogate
         requires.
     batch : int, optional
-        Points added in each round. By default ten for up to four parameters, and four more for each further parameter. If many
-        runs can be made at once, a larger batch takes fewer rounds but more runs. With less than half of the default, a surrogate
-        of many parameters may never come near the posterior.
+        Points added in each round. By default ten for up to four parameters, and four more for each further parameter. A larger
+        batch takes fewer rounds but more runs, which suits many simultaneous runs. With less than half of the default, a
+        surrogate of many parameters may never come near the posterior.
     certificate : int
         Fresh draws for a certificate, a third of them tempered.
     widen : float
@@ -112,12 +112,12 @@ class Plan:
         Returns
         -------
         Plan
-            Plan with the points of the first design and of each round.
+            Plan with the numbers of points in the first design and in each round.
 
         Raises
         ------
         InputError
-            If the budget has no runs left for a certificate.
+            If the first design leaves no runs in the budget for a certificate.
         """
         dimension = posterior.model_space.dimension
         points, each = IN_A_ROUND + FURTHER * max(dimension - AMONG, 0), FIRST_DESIGN[1] * dimension
@@ -127,7 +127,7 @@ class Plan:
         return sized
 
     def _enough(self, start: int, posterior: Posterior, settings: SurrogateSettings) -> int:
-        """The smallest sufficient number of points for a surrogate; the first number if none in the budget suffices."""
+        """Return the smallest sufficient number of points tried for a surrogate; `start` if none suffices."""
         space, records = (
             posterior.model_space,
             tuple({o.record.content_hash: o.record for o in posterior.observations}.values()),
@@ -145,7 +145,7 @@ class Plan:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Points of the first design and of each round, for a plan that is `sized`."""
+        """Numbers of points in the first design and in each round, for a plan returned by `sized`."""
         assert self.start is not None and self.batch is not None
         return self.start, self.batch
 
@@ -156,12 +156,12 @@ class Plan:
         return (self.true_runs - start - self.certificate) // batch
 
     def describe(self) -> dict[str, Any]:
-        """Settings that determine the points: all except the budget.
+        """Return the settings that determine the points of model runs: all except the budget and the limits.
 
         Returns
         -------
         dict
-            For hashes; a calibration with a larger budget continues the stored calibration.
+            Settings for hashes. A larger budget leaves them unchanged, and therefore continues a stored calibration.
         """
         return {
             "start": self.start,

@@ -1,4 +1,4 @@
-"""The limits requested of a stored calibration's certificates, since other limits count as a further attempt."""
+"""Record of the limits requested for a stored calibration, since a change of the limits counts as a further attempt."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from structid.certification.limits import Limits
 from structid.core.journal import write_then_rename
 
 FILE = "limits.json"
-"""All limits, in the order of the requests."""
+"""Name of the file with all requested limits, in the order of the requests."""
 
 
 def earlier_limits(folder: Path | None, limits: Limits) -> int:

@@ -9,14 +9,14 @@ from jaxtyping import Float
 from structid.inference.convergence import weighted_size
 
 FITTED_SHARE = 0.5
-"""Fraction of the runs that count effectively in the fit of a NARX; see `weighted_size`."""
+"""Effective number of runs in the fit of a NARX, as a fraction of all runs; see `weighted_size`."""
 
 LEAST = 1e-2
-"""Weight of a run far from the posterior, which keeps the surrogate from creating a false mode there."""
+"""Smallest weight of a run; it prevents a false mode of the surrogate far from the posterior."""
 
 
 def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"]:
-    """Weight runs for the fit of a NARX, w = max(π^τ, `LEAST`), so that half of them count effectively.
+    """Weight runs for the fit of a NARX, w = max(π^τ, `LEAST`), so that their effective number is half of all runs.
 
     A NARX with few terms cannot be exact over the whole prior. A NARX that errs only where the probability is negligible is
     better than a NARX that errs equally everywhere.
@@ -32,9 +32,9 @@ def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"
 def tempered_weights(
     log_density: Float[np.ndarray, " run"], share: float, least: float = 0.0, lowest: float = -50.0
 ) -> tuple[float, Float[np.ndarray, " run"]]:
-    """Weights w = max(π^τ, `least`) with the largest exponent τ ≤ 1 for which a share of the runs counts effectively.
+    """Weight runs, w = max(π^τ, `least`), with the largest τ ≤ 1 whose effective fraction of runs reaches `share`.
 
-    Returns τ and the weights; log τ is searched from `lowest` upwards.
+    The function returns τ and the weights; log τ is searched from `lowest` upwards.
     """
     finite = np.isfinite(log_density)
     below = np.where(finite, log_density - log_density[finite].max(), -np.inf)

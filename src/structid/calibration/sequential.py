@@ -49,11 +49,11 @@ SCHEMA = 13
 """Version of the stored rounds, and of the random streams that continue from them."""
 
 LARGEST_OUTSIDE = 0.01
-"""Largest fraction of the posterior outside the range of the runs, where a surrogate extrapolates, for a certificate."""
+"""Largest fraction of the posterior outside the range of the runs for which a certificate is attempted."""
 
 SURE = 0.035
-"""Standard deviation of the log density due to the surrogate error below which a certificate is attempted [nat]. The last round's
-spread does not matter then, since its draws train this surrogate."""
+"""Standard deviation of the log density due to the surrogate error below which a certificate is attempted [nat]. The spread of
+the last round's log weights then does not matter, since its draws train this surrogate."""
 
 Entry = dict[str, np.ndarray]
 """A stored round."""
@@ -78,15 +78,15 @@ def calibrate(
     executor: Any = None,
     progress: ReportActivity | None = None,
 ) -> CalibrationResult:
-    """Calibrate a model with a surrogate that is improved where the posterior is, until model runs certify it.
+    """Calibrate a model with a surrogate that is improved near the posterior until model runs certify it.
 
     A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempering
-    steps. The model is then run at draws of this posterior, at points where the surrogate is least certain, and at tempered draws.
-    All these runs train the next surrogate. Since a NARX reproduces none of its runs exactly, a POD-Kriging surrogate beside it
-    responds to the records of the observations; see `CorrectedNARX`. When the importance weights of the plain draws are nearly
-    equal, the surrogate's posterior is sampled until the draws have converged and a second sampler agrees with them. The next
-    round then spends `Plan.certificate` model runs on a `Certificate`, at fresh draws, a third of them tempered. If it fails,
-    these runs also train the next surrogate, and assess it when each is left out in turn.
+    steps. The model is then run at draws of this posterior, at points where the surrogate is least certain, and at tempered
+    draws. All these runs train the next surrogate. Since a NARX reproduces none of its runs exactly, a POD-Kriging surrogate
+    replaces it for the records of the observations; see `CorrectedNARX`. When the importance weights of the plain draws are
+    nearly equal, the surrogate's posterior is sampled until the draws have converged and a second sampler agrees with them. The
+    next round then spends `Plan.certificate` model runs on a `Certificate`, at fresh draws, a third of them tempered. If the
+    certificate is refused, these runs also train the next surrogate and assess it by cross-validation.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def calibrate(
 
 
 def _given_error_model(discrepancy: ErrorModel | str | None) -> ErrorModel | None:
-    """The given error model; None if it is omitted or to be chosen."""
+    """Return the given error model; None if it is omitted or if the data choose it."""
     if isinstance(discrepancy, str) and discrepancy != AUTO:
         raise InputError(
             "calibrate(discrepancy)", f"'{discrepancy}'", f"an error model such as structid.AR1(), or '{AUTO}'"
@@ -233,7 +233,7 @@ class _Loop:
         }
 
     def run(self) -> CalibrationResult:
-        """Read the stored rounds, and continue from there."""
+        """Run the calibration, which continues from the stored rounds."""
         make_first_runs(self.true, self.settings, self._planned, self._left)
         warn_of_mistakes(self.true)
         stored = [] if self.journal is None else list(self.journal)
@@ -260,7 +260,7 @@ class _Loop:
                 return self._result(number, surrogate)
 
     def _planned(self, count: int) -> np.ndarray:
-        """A number of points of the first design, in SI."""
+        """Return `count` points of the first design, in SI."""
         return self.space.sample(count, self.seed, "sobol", self.plan.widen).values
 
     # --- a round ------------------------------------------------------------------------------------------------
@@ -318,7 +318,7 @@ class _Loop:
         return bool(self.rounds) and self.rounds[-1].to_be_judged_again
 
     def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, DensityDifference]:
-        """The last certificate's draws, each assessed by a surrogate fitted without it."""
+        """Cross-validate the surrogate with the last certificate's draws."""
         assert self.last is not None
         everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
         fits = self._fits(self._progress_of("fitting surrogates without some runs"))
@@ -340,7 +340,7 @@ class _Loop:
         return Exploration(under, surrogate, blocks)
 
     def _final_draws(self, number: int, surrogate: Surrogate, training: int, sure: bool) -> FinalDraws:
-        """Draws for the certificate of this round, computed once or read from the store."""
+        """Return the draws for this round's certificate, computed once or read from the store."""
         if self.final is None or self.final[0] != number:
             folder = None if self.folder is None else self.folder / f"draws_{number}"
             sampler = None if self.sampler is not None and self.sampler.exact else self.sampler
@@ -351,7 +351,7 @@ class _Loop:
         return self.final[1]
 
     def _promising(self, explored: Exploration) -> bool:
-        """Whether a certificate is likely, by the plain draws of the last round or by the surrogate error."""
+        """Whether a certificate is likely, judged by the plain draws of the last round or by the surrogate error."""
         if not self.rounds or self.rounds[-1].certificate is not None or not self.rounds[-1].fresh:
             return False
         return self.rounds[-1].promising or bool(explored.sure and explored.deviation <= SURE)
@@ -361,12 +361,12 @@ class _Loop:
         return self._left(training) >= FEWEST_IN_A_BATCH
 
     def _left(self, training: int) -> int:
-        """Model runs left besides a certificate; an external solver repeats one run for each certificate."""
+        """Number of model runs left besides a certificate, which also repeats one run of an external solver."""
         of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
         return self.plan.true_runs - training - self.twice - of_a_certificate
 
     def _choose_error_model(self, number: int, surrogate: Surrogate) -> bool:
-        """Let the data choose the error model by an accurate surrogate; returns whether it is unchanged."""
+        """Let the data choose the error model, with responses of the surrogate; return whether it is unchanged."""
         folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.error_model
         seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
         report = self._progress_of("choosing the error model")
@@ -420,7 +420,7 @@ class _Loop:
         )
 
     def _noise(self, first: int, batch: Batch, log_true: np.ndarray, again: bool) -> tuple[str, ...]:
-        """Evidence that an external solver is not deterministic, by repeating the first draw of a certificate."""
+        """Repeat the run at a certificate's first draw, and report an external solver that is not deterministic."""
         if not (self.posterior.model.traceable or again):
             self.twice += 1
             once_more = self.posterior.given(self.true.once_more(first)).log_density(batch.fresh[:1])

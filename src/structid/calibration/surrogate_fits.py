@@ -1,4 +1,4 @@
-"""Surrogate fits of a calibration: the form that is best near the posterior."""
+"""Surrogate fits of a calibration, which select the form with the smallest error near the posterior."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.surrogates.base import Surrogate, SurrogateSettings
 
 DISCREPANCY_DRAWS = 32
-"""Number of draws of the error model's parameters, of which each stored run takes the most suitable draw."""
+"""Number of draws of the error model's parameters; each stored run uses the draw with the highest density."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +38,9 @@ class SurrogateFits:
         start: Surrogate | None,
         forms: Sequence[SurrogateSettings] | None = None,
     ) -> tuple[Surrogate, SurrogateSettings]:
-        """Fit several forms to the runs of some points, and return the best.
+        """Fit several forms of the surrogate to the runs at some points, and return the best.
 
-        If the kind supports it, the fit starts from another surrogate, and gives more weight to runs near the posterior.
+        If the kind of surrogate supports it, the fit starts from another surrogate and weights runs near the posterior more.
         """
         forms = getattr(self.settings, "forms", (self.settings,)) if forms is None else forms
         runs = self.true.of_points(points)
@@ -66,13 +66,13 @@ class SurrogateFits:
 
     @cached_property
     def _densities(self) -> tuple[np.ndarray, np.ndarray]:
-        """Densities at all runs, which show how close the runs are to the posterior; the same for all fits."""
+        """Log densities at all runs, which measure the runs' closeness to the posterior; the same for all fits."""
         assert self.last is not None
         return best_densities(self.posterior, self.true, self.last)
 
 
 def best_densities(posterior: Posterior, true: ModelRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-    """Densities at all model runs, each with the most suitable of several draws of the error model's parameters."""
+    """Return the largest log density at each model run over draws of the error model's parameters, and its point."""
     points, error_parameters = true.points, batch.of_the_errors(posterior.model_space.dimension, DISCREPANCY_DRAWS)
     given = posterior.given(true.responses())
     best = np.full(len(points), -np.inf)

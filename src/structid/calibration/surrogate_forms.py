@@ -13,7 +13,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 
 NEAR_SHARE = 0.3
-"""Fraction of the runs that count effectively in the errors of a surrogate near the posterior."""
+"""Effective number of runs in a surrogate's error near the posterior, as a fraction of all runs."""
 
 
 class KnowsItsErrors(Protocol):
@@ -46,7 +46,7 @@ def error_near_the_posterior(
 ) -> float:
     """Leave-one-out error of the tempered log density, weighted by the tempered posterior.
 
-    The most accurate surrogate over the whole prior is not the most accurate surrogate near the posterior.
+    The most accurate surrogate over the whole prior need not be the most accurate one near the posterior.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
     responses = [
@@ -63,7 +63,7 @@ def error_near_the_posterior(
 
 
 def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:
-    """Responses of some runs at their positions among all runs, NaN elsewhere."""
+    """Place the responses of some runs at their positions among all runs, with NaN elsewhere."""
     everywhere = np.full((len(ran), *values.shape[1:]), np.nan)
     everywhere[ran] = values
     return everywhere

@@ -18,16 +18,16 @@ from structid.models.external.guard import guard_of_this_thread
 from structid.models.external.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
-"""Longest time in which a scheduler must answer [s]."""
+"""Timeout for the answer of a scheduler [s]."""
 
 RECOUNT = 1.0
-"""Time after which the workers of a cluster are counted again, because their number may change [s]."""
+"""Time between two counts of the workers of a cluster, whose number may change [s]."""
 
 ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concurrent.futures.Executor or a dask Client"
 
 
 class LostWorkerError(Exception):
-    """Error of a run that killed several workers in succession, so that the scheduler abandoned it."""
+    """A run killed several workers in succession, so the scheduler abandoned it."""
 
 
 class Pool:
@@ -84,7 +84,7 @@ class Pool:
                 self._check()
 
     def lent(self) -> Pool:
-        """Return another pool on the same executor, which does not close it."""
+        """Return another pool on the same executor; closing this pool leaves the executor open."""
         return Pool(self._executor, self._workers, check=self._check, options=self._options)
 
     def close(self, abort: bool = False) -> None:
@@ -137,7 +137,7 @@ def _pool_of(executor: Any) -> Pool:
 
 
 def _local(workers: int) -> Pool:
-    """Make a pool of threads; the runs of each thread take place in its own child process."""
+    """Make a pool of threads, each of which executes its runs in its own child process."""
     guards: list[Watchdog] = []
     threads = ThreadPoolExecutor(workers, "structid-run", initializer=lambda: guards.append(guard_of_this_thread()))
 

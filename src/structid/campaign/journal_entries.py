@@ -57,7 +57,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
     if not entries:
         raise InputError(
             f"{path}",
-            "its campaign was stopped before its first run",
+            "the campaign stopped before its first run",
             "a store with runs",
             "Run the campaign again.",
         )
@@ -71,7 +71,7 @@ def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.nda
 
 
 def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
-    """Make the journal entry of completed runs: one string and one array, since each array costs as much as 1000 numbers."""
+    """Make the journal entry of completed runs: one string and one array, because more arrays have a large overhead."""
     values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
     ended = []
     for row, run in zip(values, finished, strict=True):
@@ -92,11 +92,11 @@ def rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
 
 
 def journalled_rows(journal: Journal) -> Iterator[dict[str, Row]]:
-    """Read the rows of each entry of a journal, with the histories in memory."""
+    """Read the runs in each entry of a journal, with their histories in memory."""
     for entry in journal:
         yield rows_of(entry, StoredInMemory(entry["values"]))
 
 
 def printable(text: str) -> str:
-    """Replace characters that a file format may reject in a solver's output."""
+    """Replace characters in a solver's output that a file format may reject."""
     return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)

@@ -1,4 +1,4 @@
-"""The folder with the parts of a store: file names, the lock against a second writer, errors of a full or broken disk."""
+"""The folder with the parts of a store: file names, a lock against a second writer, and messages for disk errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def segments_of(path: Path) -> list[Path]:
 def next_segment(path: Path) -> Path:
     """Name the next segment of a store.
 
-    The name is always new, even if a kill has left segments of an earlier campaign.
+    The name is always new, even if a killed campaign has left segments behind.
     """
     last = max((int(p.stem.partition("-")[2]) for p in segments_of(path)), default=0)
     return parts_of(path) / f"segment-{last + 1:06d}.h5"

@@ -32,7 +32,7 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
 SCHEMA = 2
-"""Version of the layout. Version 1 can also be read; it has no runs with `Status.STRUCTURE_FAILED`."""
+"""Version of the file layout. Files of version 1 remain readable; they have no runs with `Status.STRUCTURE_FAILED`."""
 
 _KINDS: dict[str, type[Excitation]] = {
     kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory, RotationHistory)
@@ -82,7 +82,8 @@ def sound_rows(path: Path) -> dict[str, Row]:
     if lost:
         warnings.warn(
             StructidWarning(
-                f"{path}: the histories of {len(lost)} of {len(rows)} runs are damaged. They are repeated; the others are intact."
+                f"{path}: the histories of {len(lost)} of {len(rows)} runs are damaged. "
+                "The damaged runs are repeated; the others are intact."
             ),
             stacklevel=2,
         )
@@ -111,7 +112,8 @@ def write(
     except (OSError, RuntimeError) as problem:  # h5py raises a RuntimeError if the disk is full when the file is closed
         partial.unlink(missing_ok=True)
         raise StoreError(
-            f"{path}: it cannot be written ({problem}). The runs are safe in its parts. Free some space and continue."
+            f"{path}: it cannot be written ({problem}). The runs are safe in the existing files of the "
+            "store. Free some space and continue."
         ) from problem
 
 
@@ -126,8 +128,8 @@ def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
     free = shutil.disk_usage(path.parent).free
     if free < needed:
         raise StoreError(
-            f"{path}: {free / 1e6:.0f} MB are free, but merging the runs needs {needed / 1e6:.0f} MB. The runs are safe in its "
-            "parts. Free some space and continue."
+            f"{path}: {free / 1e6:.0f} MB are free, but merging the runs needs {needed / 1e6:.0f} MB. The runs are safe in "
+            "the existing files of the store. Free some space and continue."
         )
 
 
@@ -172,7 +174,7 @@ def _write_rows(file: Any, rows: Sequence[Row]) -> None:
 
 
 def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
-    """Write the histories: chunks of other files are copied, all other histories are compressed here."""
+    """Write the histories: copy the compressed chunks of other files, and compress the histories in memory."""
     shape = (header.samples, len(header.channels))
     values = file.create_dataset(
         "values",
@@ -259,7 +261,7 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
 
 
 def _refuse_later_layout(path: Path, layout: int) -> None:
-    """Refuse a file of a later version, which this version would misread."""
+    """Refuse a file of a later layout version, which this version of structid would misread."""
     if layout > SCHEMA:
         raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or earlier", "Update structid.")
 

@@ -92,7 +92,7 @@ class Campaign:
                 "Campaign.design",
                 f"a {type(design).__name__}",
                 "a Design",
-                "Draw one with space.sample(…), or Design(points, space).",
+                "Draw a design with space.sample(…), or make one with Design(points, space).",
             )
         if len(design) == 0:
             raise InputError("Campaign.design", "no points", "one or more points")
@@ -123,7 +123,7 @@ class Campaign:
         Raises
         ------
         StoreMismatchError
-            If the store contains other runs.
+            If the stored runs belong to another study.
         """
         stored = None if self.store is None else stored_identity(self.store)
         if self.store is not None and stored is not None:
@@ -219,7 +219,7 @@ class Campaign:
         return f"{len(store.rows)} of {len(self.keys)} runs are stored"
 
     def _is_part_of(self, store: RunStore | MemoryStore) -> bool:
-        """Whether the store contains every run of this design and further runs."""
+        """Whether the store contains more runs than this design, including every run of this design."""
         return set(self.keys) < set(store.rows)
 
     def _selected(self) -> Runs:
@@ -244,7 +244,7 @@ class Campaign:
             )
 
     def _todo(self, store: RunStore | MemoryStore, retry: bool, attempts: int) -> list[_Ticket]:
-        """Runs that are not stored, have attempts left, or must be repeated."""
+        """Runs that are not stored, failed runs with attempts left, and runs to be repeated."""
         tickets = []
         for row, key in enumerate(self.keys):
             stored = store.rows.get(key)
@@ -300,7 +300,7 @@ class Campaign:
         pool.submit(ticket, attempt, calls[number], task)
 
     def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
-        """Store the completed runs, and list the runs to be repeated."""
+        """Return the completed runs, and the runs to be repeated."""
         finished, again = [], []
         for ticket, outcome in pool.finished():
             if isinstance(outcome, LostWorkerError):

@@ -169,7 +169,7 @@ class Runs(ShownAsText):
 
     @property
     def counts(self) -> dict[Status, int]:
-        """Number of runs with each status, zeros included."""
+        """Number of runs with each status, including zero counts."""
         return {status: int(np.count_nonzero(self.status == status)) for status in Status}
 
     @property
@@ -179,7 +179,7 @@ class Runs(ShownAsText):
 
     @property
     def rate(self) -> float:
-        """Runs completed per second, over the last hundred; NaN if unknown."""
+        """Runs completed per second, averaged over the last hundred runs; NaN if unknown."""
         last = np.sort(self.finished[np.isfinite(self.finished)])[-100:]
         return float((len(last) - 1) / (last[-1] - last[0])) if len(last) > 1 and last[-1] > last[0] else float("nan")
 

@@ -47,9 +47,9 @@ CALIBRATION_RUNS = "true_runs.h5"
 CALIBRATION_FINISHED = "finished"
 """File in the calibration folder that marks the last draws as complete."""
 ADOPTED = {"model", "engine"}
-"""Properties in which adopted runs may differ."""
+"""Keys of the identity in which adopted runs may differ."""
 SEGMENT_BYTES = 64_000_000
-"""Size above which a journal is sealed into a segment."""
+"""Size of a journal above which it is sealed into a segment [byte]."""
 
 
 def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
@@ -94,7 +94,7 @@ class RunStore:
     def describe(
         self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
     ) -> None:
-        """Write the design to disk, so that every reader of the store knows the pending runs."""
+        """Write the design to disk, so that every reader of the store can list the pending runs."""
         with disk_errors_explained(self.path):
             self._designs.append(design_entry(self.header, keys, theta, record_of_run))
 
@@ -189,7 +189,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
     Raises
     ------
     InputError
-        If there is no such store.
+        If there is no store at `path`.
 
     Examples
     --------
@@ -202,7 +202,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
         path = next((s for s in stores if s.exists() or parts_of(s).exists()), stores[0])
     if not path.exists() and not parts_of(path).exists():
         raise InputError(
-            f"{path}", "there is no such store", "the file of a Campaign, or the folder of a study with one"
+            f"{path}", "there is no such store", "the store of a Campaign, or the folder of a study with such a store"
         )
     stored = _settled(path)
     values = _Scattered(stored.rows, stored.header)

@@ -44,7 +44,7 @@ class FileSource:
 
 @functools.lru_cache(maxsize=256)
 def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
-    """Find the rows of a file with unreadable histories; checked once per state of the file."""
+    """Find the rows of a file with unreadable histories; check again only if the file has changed."""
     with opened_hdf5(path, "runs") as file:
         return frozenset(_unreadable(file["values"], np.flatnonzero(file["status"][...] != Status.PENDING)))
 

@@ -1,9 +1,9 @@
-"""The certificate of a posterior that was not drawn from the model itself, from model runs at fresh draws of it.
+"""Certificate of a posterior that was not sampled with the model itself, from model runs at fresh draws.
 
 The statement rests on one number, χ: the coefficient of variation of the weights w = π/q, with π the true posterior and q the
 drawn density; see `weight_variation`. The certificate holds if an upper bound of χ, from a few fresh draws, is small enough for
-every mean and every standard deviation. Draws of q cannot reveal mass of π where q is zero; the stored model runs of all rounds
-are searched for it.
+every mean and every standard deviation. Draws from q cannot reveal probability of π where q is zero; the stored model runs of all
+rounds are searched for it.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from structid.inference.convergence import weighted_size
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
 FEWEST_DRAWS = 15
-"""Minimum number of fresh draws: with fewer, the bound of a variance would exceed three times the estimate."""
+"""Minimum number of fresh draws, with which the bound on χ² is already about five times its estimate."""
 
 NOTHING = 10.0
-"""Bound above which a bound is reported only as "more than" this."""
+"""Largest bound that is reported as a number; a larger one is reported as "more than" this."""
 
 UNSEEN = 3.0
-"""With a probability of 5 %, none of n draws falls into a set of probability 3/n."""
+"""The factor 3 in 3/n: with a probability of 5 %, none of n draws falls into a set of probability 3/n."""
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate(ShownAsText):
-    """Assessment of a posterior that was not drawn from the model itself, with its reasons.
+    """Assessment of a posterior that was not sampled with the model itself, with its reasons.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Certificate(ShownAsText):
     sd_bound : ndarray, shape (parameter,)
         Bound on the relative error of each standard deviation.
     correlation_bound : ndarray, shape (parameter, parameter)
-        Bound on the error of the correlation of every two parameters.
+        Bound on the error of the correlation of each pair of parameters.
     shift, shift_error : ndarray, shape (parameter,)
         Shift of each mean by the weights, in standard deviations, and the Monte Carlo error of this shift.
     draws : ndarray, shape (draw, parameter)
@@ -132,12 +132,12 @@ class Certificate(ShownAsText):
 
     @property
     def usable(self) -> bool:
-        """Whether re-weighted moments, at least, may be used."""
+        """Whether at least the re-weighted moments may be used."""
         return self.verdict != "not to be trusted"
 
     @property
     def only_the_draws(self) -> bool:
-        """Whether only the draws themselves are insufficient, while the model runs agree with them."""
+        """Whether all reasons concern only the draws, while the model runs agree with their density."""
         return bool(self.doubts) and self.doubts == self.reasons
 
     @property
@@ -158,7 +158,7 @@ class Certificate(ShownAsText):
         Returns
         -------
         float
-            U √(p (1 − p)). With a correction, p may be larger by its distance, which is added to the bound, too.
+            U √(p (1 − p)). A correction adds its distance to p and to the bound.
         """
         if self.correction is None:
             return float(self.variation.of_probability(p))
@@ -298,7 +298,9 @@ def issue_certificate(
     """Issue a certificate from model runs at fresh draws."""
     limits = Limits() if limits is None else limits
     if len(fresh.theta) < FEWEST_DRAWS:
-        raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more draws, best 30")
+        raise InputError(
+            "certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more draws, 30 recommended"
+        )
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
     lost, lost_of_sd = missing_bounds(fresh, variation)
     mean_off = variation.bound + lost + np.broadcast_to(fresh.difference.mean, len(names))
@@ -364,7 +366,7 @@ def _what_varies(
     limits: Limits,
     correction: Correction | None,
 ) -> tuple[str, ...]:
-    """Limits that the weights, or the correction from the runs, exceed."""
+    """Describe each limit that the weights, or the correction from the runs, exceed."""
     reasons = []
     furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
     because = (
@@ -390,7 +392,7 @@ def _what_varies(
 
 
 def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -> tuple[str, ...]:
-    """Probability that the draws have missed, as stored model runs reveal."""
+    """Describe parts of the posterior that the draws have missed, according to the stored model runs."""
     reasons = []
     if above > limits.above:
         reasons.append(

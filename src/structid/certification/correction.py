@@ -1,4 +1,4 @@
-"""Correction by a density q′ between the drawn density q and the true posterior π; its moments need no model run.
+"""Correction of the drawn density q by a density q′ that lies between q and the true posterior π.
 
 The differences between the moments of q and q′ need no model run, since both densities are functions. Model runs bound the
 differences between q′ and π, which are small if q′ is good. The sum of both then bounds the errors of q more sharply than the
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from structid.certification.limits import Limits
 
 ERRORS = 3.0
-"""Number of Monte Carlo errors added to the shift of a mean."""
+"""Number of Monte Carlo standard errors added to the shift of a mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Correction:
         )
 
     def beyond(self, limits: Limits) -> bool:
-        """Whether the error of q exceeds the limits, however well q′ is known."""
+        """Whether the difference of q from q′ alone exceeds the limits."""
         return bool(
             np.abs(self.mean).max() > limits.mean
             or np.abs(self.sd - 1.0).max() > limits.sd

@@ -9,7 +9,7 @@ from structid.certification.correction import Correction
 from structid.certification.fresh_draws import DensityDifference
 
 FOLDS = 10
-"""Number of groups of draws; each group is left out in turn."""
+"""Number of folds of the draws; each fold is left out in turn."""
 
 
 def density_difference(

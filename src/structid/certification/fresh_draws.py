@@ -1,4 +1,4 @@
-"""Model runs at fresh draws of a posterior that was not drawn from the model itself, and the stored runs."""
+"""Model runs at fresh draws of a posterior that was not sampled with the model itself, and stored runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.certification.limits import Limits
 
 
 class DensityDifference(NamedTuple):
-    """Average difference from q of densities fitted without some draws."""
+    """Average difference between q and the densities that are fitted without one fold of draws."""
 
     variation: float = 0.0  # coefficient of variation of the ratio of their density to q
     mean: Float[np.ndarray, " parameter"] = np.zeros(1)  # difference of their means, in standard deviations of q
@@ -21,7 +21,7 @@ class DensityDifference(NamedTuple):
 
     @classmethod
     def average(cls, some: Sequence[DensityDifference]) -> DensityDifference:
-        """Average over several densities; the triangle inequality holds for each, and so for the average."""
+        """Average the differences of several densities; the triangle inequality holds for each and for the average."""
         parts = [np.mean(part, axis=0) for part in zip(*some, strict=True)]
         return cls(float(parts[0]), *parts[1:])
 
@@ -31,7 +31,7 @@ class DensityDifference(NamedTuple):
 
     @classmethod
     def of(cls, entry: Mapping[str, np.ndarray]) -> DensityDifference:
-        """Rebuild from a journal entry, which may contain more."""
+        """Rebuild from a journal entry; its other items are ignored."""
         return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
@@ -41,7 +41,7 @@ THEMSELVES = DensityDifference()
 
 @dataclass(frozen=True, eq=False)
 class FreshDraws:
-    """Draws of q, or of a wider density, at which the model was run."""
+    """Draws from q, or from a wider density, at which the model was run."""
 
     theta: Float[np.ndarray, "draw parameter"]  # in SI; no surrogate was fitted to them
     # Quantities of the draws whose means and standard deviations are compared; see `Target.compared`
@@ -71,7 +71,7 @@ class FreshDraws:
 
     @property
     def spread(self) -> float:
-        """Standard deviation of log π/q over plain draws; infinite where a model run failed, or without draws."""
+        """Standard deviation of log π/q over the draws; infinite if a model run failed or if there are no draws."""
         ratios = self.log_ratios[np.isfinite(self.log_true)]
         return float(np.std(ratios)) if len(ratios) and self.failed == 0 else float("inf")
 
@@ -116,7 +116,7 @@ class StoredRuns:
         return float(gap.max() - middle), int(near.sum())
 
     def understated(self, middle: float, limits: Limits) -> int:
-        """Number of runs out of reach that q understates by more than a fraction of their depth below the best run."""
+        """Number of runs beyond reach whose density q understates by more than a fraction of their depth."""
         if not self._ran.any():
             return 0
         depth = self.log_true[self._ran].max() - self.log_true[self._ran]

@@ -43,7 +43,7 @@ class ModelRuns:
 
     @property
     def design(self) -> Design:
-        """Design of the model runs: every point, repeated once per record."""
+        """Design of the model runs, with every point once for each record."""
         return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
 
     @property
@@ -114,7 +114,7 @@ class ModelRuns:
             )
 
     def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
-        """Responses at some points to each observation's record."""
+        """Return the responses at some points to each observation's record."""
         count = len(self.records)
         rows = np.arange(len(self.points))[points]
         hashes = [r.content_hash for r in self.records]
@@ -134,17 +134,17 @@ class ModelRuns:
         return other.responses()
 
     def of_points(self, points: Int[np.ndarray, " point"]) -> Runs:
-        """Runs of some points, to every record."""
+        """Return the runs at some points for every record."""
         count = len(self.records)
         return self.runs[(points[:, None] * count + np.arange(count)).ravel()]
 
     @property
     def finished(self) -> np.ndarray:
-        """Points whose runs have completed on every record, shape (point,)."""
+        """True for each point whose runs have completed on every record, shape (point,)."""
         return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
 
     def collapsed(self, points: slice) -> Bool[np.ndarray, " point"]:
-        """Points at which the structure failed on some record: their density is zero, although no run failed."""
+        """Mark the points where the structure failed on some record: their density is zero, but no run failed."""
         status = self.runs.status.reshape(len(self.points), len(self.records))[points]
         return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
 
@@ -153,11 +153,11 @@ class ModelRuns:
 
 
 def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
-    """Report that a repeated point has two densities."""
+    """Report a model that gives two different log densities at a repeated point."""
     difference = abs(again - log_density)
     if not difference > NOISE:
         return ()
     return (
-        f"the model is not deterministic: where it was run again, its log density differs by {difference:.2g} nats. "
+        f"the model is not deterministic: a repeated run changes its log density by {difference:.2g} nats. "
         "Such a model has no posterior; fix its random seed",
     )

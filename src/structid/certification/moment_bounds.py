@@ -13,7 +13,7 @@ from structid.certification.weight_variation import WeightVariation
 
 
 def standardised(fresh: FreshDraws) -> Float[np.ndarray, "draw parameter"]:
-    """Draws in standard deviations of q from its mean."""
+    """Return the distances of the draws from the mean of q, in standard deviations of q."""
     return _in_sds(fresh.compared, fresh.population)
 
 
@@ -29,9 +29,9 @@ def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tupl
 def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
     """Bound on the relative error of each standard deviation.
 
-    The smaller of two bounds on the shift of the variance applies. The bound by χ assumes the worst possible weights. The bound
-    by the draws is E_q (w − 1) z² with its error. This error is enlarged like χ, and all parameters are bounded simultaneously.
-    If a marginal has long tails, the draws are more informative.
+    The smaller of two bounds on the shift of the variance applies. The bound by χ assumes the worst possible weights.
+    The bound by the draws is E_q (w − 1) z² plus its error. This error is enlarged by the same factor as χ, and all
+    parameters are bounded simultaneously. The bound by the draws is usually smaller for a marginal with long tails.
     """
     estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
     quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
@@ -42,10 +42,10 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray,
 
 
 def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, "parameter parameter"]:
-    """Bound on the error of the correlation of every two parameters.
+    """Bound on the error of the correlation of each pair of parameters.
 
-    A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This
-    is at most χ sd_q(f), for normal parameters χ (1 − ρ²), and the square of χ bounds the effect of the means.
+    A correlation ρ changes by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This
+    is at most χ sd_q(f), or χ (1 − ρ²) for normal parameters, and χ² bounds the effect of the means.
     """
     z = _in_sds(fresh.population, fresh.population)
     rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))

@@ -26,9 +26,9 @@ class MonteCarloError:
     def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
         """Estimate the error from the draws in the order in which they were drawn.
 
-        By the central limit theorem for chains, the mean of a function f over draws errs by its standard error times a normal
-        quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for a correlation
-        ρ, to first order, z_i z_j − ½ ρ (z_i² + z_j²).
+        By the central limit theorem for chains, the mean of a function f over draws has an error of at most its standard error
+        times a normal quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for
+        a correlation ρ, to first order, z_i z_j − ½ ρ (z_i² + z_j²).
         """
         dimension = draws.shape[2]
         z = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
@@ -47,7 +47,7 @@ class MonteCarloError:
         return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
 
     def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Report too few draws, whatever their density."""
+        """Report draws that are too few for the limits, regardless of their density."""
         of_correlation = self.correlation.max(axis=1)
         kinds = [
             (
@@ -81,5 +81,5 @@ def _error(values: np.ndarray) -> float:
 
 
 def _quantile(confidence: float, count: int) -> float:
-    """Normal quantile for a number of simultaneous two-sided statements."""
+    """Return the normal quantile for a number of simultaneous two-sided statements."""
     return float(scipy.stats.norm.ppf(1.0 - 0.5 * (1.0 - confidence) / count))

@@ -14,7 +14,7 @@ from structid.inference.target import Target
 
 
 class Truth:
-    """The true posterior at requested points, one set after another."""
+    """The true posterior, evaluated at successive sets of requested points."""
 
     def __init__(self, posterior: Target, folder: Path | None, executor: Any, report: ReportActivity | None) -> None:
         self.posterior, self.folder, self.executor, self.report = posterior, folder, executor, report
@@ -24,19 +24,19 @@ class Truth:
         self.count = 0
 
     def at(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Run the model."""
+        """Run the model at some points, and return the true log densities."""
         log_true = self._run(theta)
         log_true = np.where(np.isfinite(log_true), log_true, -np.inf)
         self.theta, self.log_density = np.concatenate([self.theta, theta]), np.concatenate([self.log_density, log_true])
         return log_true
 
     def twice(self) -> tuple[str, ...]:
-        """Repeat the first point, to detect a model that is not deterministic."""
+        """Repeat the run at the first point, to detect a model that is not deterministic."""
         return noise_doubts(float(self.log_density[0]), float(self._run(self.theta[:1])[0]))
 
     @property
     def impossible(self) -> np.ndarray:
-        """Points at which the model's density is zero although no run failed."""
+        """True for each point at which the model's density is zero although no run failed."""
         none = np.zeros(len(self.theta), dtype=bool)
         return none if self.runs is None else self.runs.collapsed(slice(len(self.theta)))
 

@@ -1,4 +1,4 @@
-"""Variation of importance weights: their coefficient of variation χ, and a bound for it from few draws.
+"""Variation of importance weights: their coefficient of variation χ, and an upper bound on it from a small sample.
 
 Let π be the true posterior, q the drawn density and w = π/q, scaled so that E_q w = 1. Then χ = sd_q(w). For every function f of
 the parameters, E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the Cauchy-Schwarz inequality
@@ -21,14 +21,14 @@ from structid.inference.convergence import weighted_size
 
 KURTOSIS = 6.0
 """Smallest kurtosis of the weights that the bound assumes: twice that of a normal distribution, since a surrogate errs most in
-the tails. A larger kurtosis in the draws is used instead."""
+the tails. If the draws have a larger kurtosis, the bound uses it."""
 
 NOISE = 0.02
 """Standard deviation of noise that is formally added to the weights and subtracted from the bound. The variance of
 nearly constant weights with one outlier is poorly determined; the noise makes the estimate more reliable."""
 
 LEAST_QUANTILE = 1e-12
-"""Smallest usable quantile; below it a few weights outweigh all others and nothing is bounded."""
+"""Smallest usable quantile; below it, a few weights outweigh all others and the bound is infinite."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def weight_variation(
 
 
 def _bound(variance: float, fourth: float, noise: float, count: float, confidence: float) -> float:
-    """U, from weights with added independent normal noise, whose variance and fourth moment are known."""
+    """Return U, from weights with independent normal noise added, given the weights' variance and fourth moment."""
     spread = variance + noise**2
     kurtosis = (fourth + 6.0 * variance * noise**2 + 3.0 * noise**4) / spread**2
     freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)

@@ -1,4 +1,4 @@
-"""The screen: output of commands, progress bars, exit codes."""
+"""Screen output of commands, progress bars, and exit codes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NOT_CONVERGED = 3
 """Exit code: done, but the result is not converged or not certified."""
 
 SILENCE = 30.0
-"""Interval [s] between the status lines of a long stage where there is no terminal."""
+"""Interval [s] between the status lines of a long stage if the output is not a terminal."""
 
 LOGGED = ("calibration", "inference")
 """Loggers whose messages are shown during a run."""
@@ -38,7 +38,7 @@ errors = Console(stderr=True, highlight=False)
 
 @contextmanager
 def stage(name: str, passing: bool = False) -> Iterator[Any]:
-    """Show the progress of a stage by a bar, or by lines where there is no terminal."""
+    """Show the progress of a stage by a bar, or by lines if the output is not a terminal."""
     with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as report:
         yield report
 
@@ -138,7 +138,7 @@ def print_table(heads: list[str], rows: list[list[str]]) -> None:
 
 
 def finish(outcome: StudyOutcome) -> None:
-    """Print the result of a study; the exit code shows whether the result can be trusted."""
+    """Print the result of a study; exit with `NOT_CONVERGED` if the result cannot be trusted."""
     from structid.campaign.runs import Runs
 
     screen.print()
@@ -172,7 +172,7 @@ def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
         print_plainly(f"{choice.sentence}\n")
     trusted = "green" if outcome.trusted else "bold red"
     if result.cost is not None:
-        exact = "Exact" if verdict.converged else "Exact in the long run, but not converged"
+        exact = "Exact" if verdict.converged else "Asymptotically exact, but not converged"
         print_plainly(f"{exact}: {result.cost}\n", trusted)
     if calibration is not None:
         print_plainly(f"{calibration.certificate}\n", trusted)

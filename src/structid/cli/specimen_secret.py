@@ -28,4 +28,6 @@ def secret_of(path: Path | None) -> str:
         return path.read_text(encoding="utf-8").strip()
     if secret := os.environ.get(VARIABLE, ""):
         return secret.strip()
-    raise InputError("--secret-file", "no secret given", f"a file with the secret, or the variable {VARIABLE}")
+    raise InputError(
+        "--secret-file", "no secret given", f"a file with the secret, or the environment variable {VARIABLE}"
+    )

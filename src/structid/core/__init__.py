@@ -1,1 +1,1 @@
-"""Tools for all subpackages: errors, checks of arguments, units, names, random streams, files that survive a kill."""
+"""Tools for all subpackages: errors, argument checks, units, names, random streams, crash-safe files."""

@@ -17,7 +17,7 @@ class ChannelUnit(NamedTuple):
 
 
 UNKNOWN = ChannelUnit("", "")
-"""Units of a channel for which neither its name nor its model declares any."""
+"""Units of a channel if neither its name nor its model defines them."""
 
 STANDARD_CHANNELS = {
     "displacement": ChannelUnit("m", "mm"),
@@ -47,7 +47,7 @@ STANDARD_CHANNELS = {
 """Units of the channels of built-in models. A model with other channels declares their units itself."""
 
 OF_A_POINT = ("ux_", "uy_")
-"""Prefixes of point displacements: ``"ux_top_left"`` is a horizontal displacement."""
+"""Prefixes of channels for the displacement of a point: ``"ux_top_left"`` is a horizontal displacement."""
 
 
 def base_channel(channel: str) -> str:

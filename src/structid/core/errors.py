@@ -80,7 +80,7 @@ def within(where: str) -> Iterator[None]:
 
 
 class StoreMismatchError(InputError):
-    """A store on disk belongs to another study. It is refused and left unchanged."""
+    """A store on disk belongs to another study. The store is refused and left unchanged."""
 
 
 class StoreError(StructidError):
@@ -113,9 +113,9 @@ class UnlikeMeasuredWarning(StructidWarning):
 class Status(IntEnum):
     """How a run of a model ended.
 
-    A failed run (diverged, failed, timed out) contains no information about the structure. Fits leave it out, and it may be
-    repeated. A run in which the structure failed (it collapsed or passed a limit) is data: the same run would end in the same
-    way.
+    A failed run (diverged, failed, timed out) contains no information about the structure. Fits omit such runs, which
+    may be repeated. A run in which the structure failed (it collapsed or passed a limit) is data: the same run would
+    end in the same way.
 
     Examples
     --------
@@ -157,7 +157,7 @@ ABBREVIATIONS = {
     "emcee": "aies",
     "tmcmc": "smc",
 }
-"""Common abbreviations whose full names in this package look different."""
+"""Common abbreviations, and their full names in this package."""
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

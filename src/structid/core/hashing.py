@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 LARGEST_DESCRIPTION = 100_000
-"""Number of objects in a description above which an object enters only once, and later by its number.
+"""Largest number of objects that a description contains in full; beyond it, repeated objects appear only by number.
 
 Objects that refer to one another by many paths, such as a model of another library, would otherwise be described once per path.
 Smaller descriptions contain every object in full, so that hashes in earlier stores stay valid.
@@ -35,7 +35,7 @@ def function_identity(function: Any) -> str:
     """Hash of everything that can be determined about a function's behaviour.
 
     The hash covers the code, defaults and closure of the function, and everything it uses from its own module: functions,
-    classes, numbers, strings and arrays. Objects imported from other modules enter by name only.
+    classes, numbers, strings and arrays. Objects imported from other modules enter the hash by name only.
     """
     try:
         return digest(_described(function, _Walk()))
@@ -44,12 +44,12 @@ def function_identity(function: Any) -> str:
 
 
 class _TooManyObjectsError(Exception):
-    """A description that spells every object out is too large."""
+    """A description that contains every object in full is too large."""
 
 
 @dataclass(frozen=True)
 class _Walk:
-    """The path to an object, and what all paths of one description share."""
+    """State of a description: the path to the current object, and all objects described so far."""
 
     path: frozenset[int] = frozenset()  # identities of the objects that contain it, which prevent an endless recursion
     visited: list[Any] = field(default_factory=list)  # all objects so far, kept alive so that an identity stays theirs
@@ -114,7 +114,7 @@ _NOT_BEHAVIOUR = (
 
 
 def _described_object(value: Any, seen: _Walk) -> Any:
-    """Represent the type and content of an object, or its string attribute ``identity`` where it has one."""
+    """Represent an object by its string attribute ``identity`` if it has one, otherwise by its type and content."""
     identity = getattr(value, "identity", None)
     if isinstance(identity, str):
         return identity

@@ -70,7 +70,7 @@ class Journal:
         return end
 
     def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
-        """Copy a journal that is damaged in the middle: intact entries may follow, since a kill damages only the last entry."""
+        """Copy a journal that is damaged before its last entry, since intact entries may follow the damage."""
         file.seek(end)
         head = file.read(_FRAME.size)
         if len(head) < _FRAME.size:
@@ -165,7 +165,7 @@ def write_then_rename(path: Path, content: bytes) -> None:
 
 
 READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
-"""Version that wrote each layout. The random streams changed in 0.2, the last digits of results in 0.3."""
+"""Version of structid that wrote each layout and can read it."""
 
 
 def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
@@ -186,7 +186,7 @@ CURES = {
     "model": "To keep the runs of an earlier solver version, use --adopt (in Python: adopt=True).",
     "engine": "The engines agree except in the last digits. To continue with JAX: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
 }
-"""Remedy if two identities differ in this key only."""
+"""Remedy for a difference in each of these keys, if no other keys of the identities differ."""
 
 
 @contextmanager

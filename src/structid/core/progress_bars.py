@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @check_arguments
 class ProgressBars:
-    """Progress bars in a notebook or a terminal, to be passed as ``progress`` and used as a context.
+    """Progress bars in a notebook or a terminal, to be passed as ``progress`` and used as a context manager.
 
     Every step that reports progress gets its own bar, with the remaining time::
 

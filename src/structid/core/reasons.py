@@ -17,7 +17,7 @@ _FAREWELL = re.compile(r"Process \d+ Terminating")
 LINES_SHOWN, LONGEST = 3, 200
 """Maximum number of solver lines in a one-line reason, and maximum length of the reason."""
 SHOWN = 10
-"""Number of reasons that a list shows."""
+"""Largest number of reasons in a list."""
 
 
 def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
@@ -25,7 +25,9 @@ def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
     lines = [f"  {count:6d} x {reason}" for reason, count in failures[:SHOWN]]
     runs = sum(count for _, count in failures[SHOWN:])
     if runs:
-        lines.append(f"  {runs:6d} for {len(failures) - SHOWN} more reasons: see .failures, or structid runs --failed")
+        lines.append(
+            f"  {runs:6d} runs, for {len(failures) - SHOWN} more reasons: see .failures, or structid runs --failed"
+        )
     return lines
 
 
@@ -50,7 +52,7 @@ def general_reason(reason: str) -> str:
 
 
 def _without_place(reason: str) -> str:
-    """Reduce a reason to one line, without the path of the kept folder."""
+    """Reduce a reason to one line, without the path of the run folder that was kept."""
     return short_reason(_PLACE.sub("", reason))
 
 

@@ -1,7 +1,7 @@
 """Purposes of random numbers, numbered in one place so that every purpose has its own stream.
 
-A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. NumPy pads such a list with zeros, so that a list of two words
-would equal the stream of index 0. All streams therefore have three words.
+A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. NumPy pads such a list with zeros, so
+``[seed, purpose]`` would give the same stream as index 0. Every stream therefore has all three numbers.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 _LARGEST_WORD = 2**32
-"""Limit of a seed: a larger seed takes two words, and its stream could coincide with a stream of another seed."""
+"""Smallest seed that takes two 32-bit words, so that its stream could coincide with a stream of another seed."""
 
 
 class Purpose(IntEnum):

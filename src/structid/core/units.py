@@ -18,21 +18,21 @@ MIXED_UP = (
     (
         "1/m",
         "1/m^2",
-        "Change the number with the unit: a yield displacement of 5 mm means 130 1/m, or 26000 1/m^2 with exponent 2.",
+        "Convert the number with the unit: a yield displacement of 5 mm means 130 1/m, or 26000 1/m^2 with exponent 2.",
     ),
 )
 """Units that are easily confused: the given unit, the expected unit, and the advice."""
 
 AMBIGUOUS = (
     (r"kn", "kn means knot, a speed", "'kN' for a kilonewton, or 'knot'"),
-    (r"pH", "pH means picohenry", "no unit, since an acidity is a logarithm"),
+    (r"pH", "pH means picohenry", "no unit, since a pH value is a logarithm"),
     (
         r"[kM]?(?:tons?(?:_force)?|tonf|force_ton)",
         "a ton may be 907.185 kg (US short ton), 1016.05 kg (long ton) or 1000 kg",
         "'t' for 1000 kg, 'short_ton' or 'long_ton'; 'tf' for the weight of 1000 kg",
     ),
 )
-"""Unit names whose meaning in the units library differs from an engineer's: pattern, problem, replacement."""
+"""Unit names whose meaning in the units library differs from engineering usage: pattern, problem, replacement."""
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
@@ -120,7 +120,7 @@ def same_dimension(unit: str, other: str) -> bool:
 def to_si(value: float | str, unit: str, where: str = "value") -> float:
     """Convert a number, or a string such as ``"7.6 kN/mm"``, to SI."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
+        raise InputError(where, f"{value!r}", f"a number, or a string such as '1 {unit or '%'}'")
     if not isinstance(value, str):
         return float(value) * factor(unit)
     match = _NUMBER.match(value)
@@ -131,8 +131,8 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
         pure = unit in ("", "-", "1")
         raise InputError(
             where,
-            f"'{value}', a text without a unit",
-            f"a text with its unit, such as '{value.strip()} {'%' if pure else unit}', or the number without quotes, which is "
+            f"'{value}', a string without a unit",
+            f"a string with a unit, such as '{value.strip()} {'%' if pure else unit}', or the number without quotes, which is "
             f"{'a pure number' if pure else f'in {unit}'}",
         )
     if re.match(r"(?!1\s*/)[\d.,]", unit_text):

@@ -1,4 +1,4 @@
-"""Validation of the arguments of public functions: unknown names, text for numbers, masked or complex arrays, other types."""
+"""Validation of the arguments of public functions: unknown names, strings for numbers, masked or complex arrays, …."""
 
 from __future__ import annotations
 
@@ -58,9 +58,7 @@ def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "
     elif value is np.ma.masked:
         raise InputError(where, "a masked value", allowed, cure)
     elif unit := unit_of(value):
-        raise InputError(
-            where, f"a quantity in {unit}", allowed, "Give the plain number, in the unit that the help names."
-        )
+        raise InputError(where, f"a quantity in {unit}", allowed, "Give the plain number, in the documented unit.")
     elif isinstance(value, (np.generic, np.ndarray)) and np.ndim(value) == 0:
         array = real_array(where, value, allowed)
         number = array.item() if np.asarray(value).dtype.kind == "f" else np.asarray(value).item()
@@ -79,7 +77,7 @@ def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> 
         cure = "Fill the masked values, or remove them."
         raise InputError(where, f"{masked} masked value{'s' if masked > 1 else ''}", f"{allowed}, none masked", cure)
     if unit := unit_of(value):
-        cure = "Convert them to the unit that the help names, and give plain numbers."
+        cure = "Convert them to the documented unit, and give plain numbers."
         raise InputError(where, f"quantities in {unit}", allowed, cure)
     array = _as_array(where, value, allowed)
     match array.dtype.kind:
@@ -93,8 +91,8 @@ def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> 
         case "O":
             return _of_objects(where, array, allowed)
         case "U" | "S" | "T":
-            cure = "Convert the text to numbers first, as in values.astype(float)."
-            raise InputError(where, f"text such as {str(array.ravel()[0])!r}", allowed, cure)
+            cure = "Convert the strings to numbers first, as in values.astype(float)."
+            raise InputError(where, f"strings such as {str(array.ravel()[0])!r}", allowed, cure)
         case "V":
             names = ", ".join(array.dtype.names or ())
             raise InputError(where, f"a structured array with the fields {names}", allowed, "Give one of the fields.")
@@ -119,7 +117,7 @@ def real_arrays(where: str, value: Any) -> Any:
 
 
 def unit_of(value: Any) -> str:
-    """Return the unit of a pint, astropy or unyt quantity, since its plain numbers would be taken as SI."""
+    """Return the unit of a pint, astropy or unyt quantity, so that its numbers are not mistaken for SI values."""
     for unit, number in (("units", "magnitude"), ("unit", "value"), ("units", "value")):
         if hasattr(value, unit) and hasattr(value, number) and not isinstance(value, type):
             return str(getattr(value, unit)) or "no unit"
@@ -129,7 +127,7 @@ def unit_of(value: Any) -> str:
 def in_words(value: Any) -> str:
     """Describe a value in words, with an article."""
     if isinstance(value, str):
-        return f"the text '{value}'"
+        return f"the string '{value}'"
     if isinstance(value, complex):
         return f"the complex number {value}"
     name = {"ndarray": "array", "Marginal": "prior"}.get(type(value).__name__, type(value).__name__)
@@ -170,7 +168,7 @@ def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
 
 
 def _of_objects(where: str, array: np.ndarray, allowed: str) -> np.ndarray:
-    """Convert an object array of integers beyond 64 bits, fractions or decimals."""
+    """Convert an array of Python objects, such as fractions, decimals or integers beyond 64 bits."""
     flat = [real_number(f"{where}, value {index}", one, allowed) for index, one in enumerate(array.ravel())]
     if any(one is None for one in flat):
         missing = next(i for i, one in enumerate(flat) if one is None)
@@ -191,7 +189,7 @@ COORDINATES = ("chain", "draw", "ensemble")
 
 
 def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
-    """Refuse a name that some output format cannot hold."""
+    """Refuse a name that is invalid in some output format."""
     allowed = "a letter first, then letters, digits, _, ., + or -, such as 'stiffness_1'"
     if not isinstance(name, str) or not NAME.fullmatch(name):
         came = in_words(name) if not isinstance(name, str) else f"the name '{name}'" if name else "an empty name"
@@ -270,14 +268,14 @@ class _Check(NamedTuple):
 
 
 def _spelt_out(annotation: Any, function: Callable[..., Any]) -> str:
-    """Return an annotation as text, and expand aliases of unions such as ``Storeys``."""
+    """Return an annotation as a string, and expand aliases of unions such as ``Storeys``."""
     meant = getattr(function, "__globals__", {}).get(str(annotation))
     union = str(meant) if isinstance(meant, types.UnionType) else str(annotation)
     return union.replace("collections.abc.", "").replace("numpy.", "np.")
 
 
 def _union(annotation: str) -> list[str]:
-    """Split a union into its members; text inside brackets is not split."""
+    """Split a union into its members; unions inside brackets stay whole."""
     words, depth = [""], 0
     for sign in annotation:
         depth += (sign == "[") - (sign == "]")

@@ -1,4 +1,4 @@
-"""The array module of an array: NumPy outside JAX, ``jax.numpy`` inside it."""
+"""Choice of the array module: NumPy outside JAX, ``jax.numpy`` inside it."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from structid.engine.device import jnp
 
 
 def namespace(x: Any) -> Any:
-    """Return the array module for an array."""
+    """Return the module whose functions apply to an array: NumPy or ``jax.numpy``."""
     return np if isinstance(x, (np.ndarray, np.generic, float, int)) else jnp

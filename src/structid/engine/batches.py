@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 LARGEST_BATCH = 2000
-"""Largest number of runs in one call, which are in memory together."""
+"""Largest number of runs in one call; the memory must hold all of them at once."""
 
 
 def in_batches(

@@ -34,12 +34,12 @@ _set_up()
 BatchFunction = Callable[..., Any]
 
 FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_product|qr|eigh|eig|svd|schur)\b")
-"""Operations in a printed jaxpr that call LAPACK."""
+"""Regular expression for the operations in a printed jaxpr that call LAPACK."""
 
 
 @functools.cache
 def mesh() -> Mesh:
-    """Return all devices of the default platform in one axis, named ``runs``."""
+    """Return a JAX mesh of all devices of the default platform, with one axis named ``runs``."""
     return Mesh(np.array(jax.devices()), ("runs",))
 
 
@@ -53,7 +53,7 @@ def padded_size(runs: int) -> int:
 
 
 BATCH_SIZES = (16, 64, 256, 512)
-"""Batch sizes for a compiled function without a loop over time. Few sizes suffice, since compilation costs more than a call."""
+"""Batch sizes for a compiled function without a loop over time. Few sizes limit the number of compilations."""
 
 
 def few_sizes(runs: int) -> int:

@@ -1,4 +1,4 @@
-"""A short sequence of steps, outside or inside JAX."""
+"""A short loop over rows that runs outside or inside JAX."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jax import lax
 
 
 def in_sequence(step: Callable[[Any, Any], tuple[Any, Any]], start: Any, rows: tuple[Any, ...]) -> tuple[Any, Any]:
-    """Take one step for each row."""
+    """Apply `step` to each row in turn, like `jax.lax.scan`; return the last state and the stacked outputs."""
     if not all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(start)):
         result: tuple[Any, Any] = lax.scan(step, start, rows)
         return result

@@ -15,7 +15,7 @@ from structid.engine.device import jnp
 def with_slopes(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> tuple[Any, Any]:
     """Evaluate a function of the parameters of many runs and its derivatives; the value is computed only once.
 
-    The derivatives use forward mode, since parameters are few and histories long.
+    Differentiation is in forward mode, since parameters are few and histories long.
     """
 
     def along(direction: Any) -> tuple[Any, Any]:

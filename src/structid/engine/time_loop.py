@@ -15,11 +15,11 @@ from structid.engine.device import jnp
 from structid.engine.slopes import with_slopes
 
 State = Any
-"""A tree of arrays with the run axis last."""
+"""A JAX tree (nested containers) of arrays whose last axis is the run axis."""
 
 
 class Fold(NamedTuple):
-    """A sample-by-sample reduction of a history that need not be stored."""
+    """A sample-by-sample reduction of a history, such as a sum; the history itself need not be stored."""
 
     start: Any  # sums before the first sample
     step: Callable[[Any, Any], Any]  # ``step(sums, sample) -> sums``
@@ -37,7 +37,7 @@ def sum_of_squares(nothing: Any) -> Fold:
 
 
 def side_by_side(folds: Sequence[Fold]) -> Fold:
-    """Combine several folds of one history."""
+    """Combine several folds, each of its own history, into one."""
     return Fold(
         tuple(fold.start for fold in folds),
         lambda sums, samples: tuple(fold.step(s, x) for fold, s, x in zip(folds, sums, samples, strict=True)),
@@ -75,7 +75,7 @@ class TimeLoop(NamedTuple):
         return fold.value(sums), self.usable(state)
 
     def _led_in(self) -> tuple[State, Any]:
-        """Return the state after the lead-in, and the remaining rows."""
+        """Return the state after the initial rows without stored values, and the remaining rows."""
         if not self.lead_in:
             return self.start, self.rows
         first = jax.tree.map(lambda x: x[: self.lead_in], self.rows)
@@ -124,8 +124,8 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Arr
 def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> Any:
     """Evaluate a function of the parameters of many runs so that its derivative along each parameter is computed only once.
 
-    A density may be differentiated along many other directions, such as the noise parameters. The loop in the function does
-    not depend on them, so the same sensitivities serve all directions.
+    A density may also have other parameters, such as those of the error model. The loop over time does not depend on
+    them, so its sensitivities are computed once and apply to all directions of differentiation.
     """
 
     def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 LARGEST_SHOWN = 30.0
 """Log weights of larger magnitude are drawn as triangles at this limit [nat]."""
 USUALLY_SHOWN = 0.3
-"""Smallest limit for log ratios over parameters [nat]; a limit of three times their 80 % quantile is used if larger."""
+"""Smallest axis limit for log ratios [nat]; the limit is three times the 80 % quantile of their magnitude if that is larger."""
 
 
 @styled
@@ -28,7 +28,7 @@ def rounds(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the log weights of each round's new draws, relative to their median."""
+    """Plot the log weights of each round's new draws, relative to their median."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
@@ -103,7 +103,7 @@ def ratios_over_parameters(
     spread: float,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the log ratio of model density to draw density over each parameter."""
+    """Plot the log ratio of the model density to the density of the draws, against each parameter."""
     from matplotlib.figure import Figure
 
     across = min(len(names), 3)

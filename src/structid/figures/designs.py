@@ -26,7 +26,7 @@ def samples(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw samples of a prior: for each parameter a histogram with its density, and a scatter plot for each pair."""
+    """Plot samples from a prior: a histogram with the density for each parameter, and a scatter plot for each pair."""
     count = len(names)
     figure, axes = canvas(count, count, height=min(7.4 / count, 3.0))
     texts = [label(pretty(name), pretty_unit(unit)) for name, unit in zip(names, units, strict=True)]

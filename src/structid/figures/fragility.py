@@ -1,4 +1,4 @@
-"""Figure of a fragility curve: probabilities over the strength of the ground motion, with their uncertainty."""
+"""Figure of a fragility curve: probabilities against the strength of the ground motion, with their uncertainty."""
 
 from __future__ import annotations
 

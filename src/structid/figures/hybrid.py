@@ -69,7 +69,7 @@ def histories_of_tests(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw displacements over simulated time, one panel per test."""
+    """Plot displacements against simulated time, one panel per test."""
     figure, axes = canvas(len(tests), 1, height=1.35, sharex=True)
     for axis, lines, test, end in zip(axes[:, 0], curves, tests, ends, strict=True):
         for (name, time, values), colour in zip(lines, CYCLE, strict=False):
@@ -176,7 +176,7 @@ def filtered_path(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the estimates of a filter over the moves, with the intervals of the posterior."""
+    """Plot the estimates of a filter against the number of the move, with the posterior intervals."""
     columns = 2 if len(names) > 1 else 1
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=1.7, sharex=True)

@@ -1,4 +1,4 @@
-"""Figures of first passages over a design: passage times over parameters and pairs, probabilities, distributions, indices."""
+"""Figures of first passages in the runs of a design: passage times against parameters, probabilities, distributions, indices."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def times(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the first-passage times over each parameter."""
+    """Plot the first-passage times against each parameter."""
     columns = min(len(names), 4)
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=2.1, sharey=True)
@@ -91,7 +91,7 @@ def probability_map(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the passage probability over two parameters and, along the first one, its mean and the observed fractions."""
+    """Plot the passage probability over two parameters, and its mean and the observed fractions along the first of them."""
     figure, axes = canvas(1, 2, height=2.9)
     some = _some(len(passed))
     axis, beside = axes[0]

@@ -48,7 +48,7 @@ LONGEST_LABEL = 13
 
 
 def _label_in_lines(name: str, unit: str) -> str:
-    """Name above its unit; a long name is wrapped."""
+    """Label with the name above the unit; a long name is wrapped."""
     words, *rest = _label(name, unit).split(" [")
     if len(words) > LONGEST_LABEL:
         words = "\n".join(textwrap.wrap(words, LONGEST_LABEL))
@@ -73,7 +73,7 @@ def marginals(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw prior samples and posterior marginals."""
+    """Plot prior samples and posterior marginals."""
     truth = truth or {}
     figure, axes = canvas(len(names), 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -91,7 +91,7 @@ def marginals(
 
 
 class _Marginal(NamedTuple):
-    """Data of one parameter in one unit; the truth is NaN where it is unknown."""
+    """Prior, posterior, support, MAP and truth of one parameter in one unit; an unknown truth is NaN."""
 
     prior: np.ndarray
     posterior: np.ndarray
@@ -210,7 +210,7 @@ def traces(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw walkers and ensemble means over the steps."""
+    """Plot walkers and ensemble means against the step."""
     scales, units = _scales(units, history.reshape(-1, len(names)))
     history = history / scales
     figure, axes = canvas(len(names), 1, height=1.35, sharex=True)
@@ -272,7 +272,7 @@ def identifiability(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the information of the data about each combination of parameters."""
+    """Plot the information in the data about each combination of parameters."""
     figure, axes = canvas(1, 2, height=2.6)
     index = np.arange(len(eigenvalues))
     shown = np.maximum(eigenvalues, 1e-6)

@@ -182,7 +182,7 @@ def side_by_side(
     reference: str = "measured",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw predictions of one measured history by several model classes: around the peak, and minus the middle of the band."""
+    """Draw predictions of one measured history by several model classes, around the peak and relative to the band middle."""
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     strongest = np.abs(outer[0]).max(axis=0) if measured is None else np.abs(measured)
     peak = time[int(np.argmax(strongest))]
@@ -199,7 +199,7 @@ def side_by_side(
         close.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))
         left.set_xlim(time[0], time[-1])
         close.set_title(one, loc="left")
-        left.set_title("minus the middle of the band", loc="left")
+        left.set_title("difference from the middle of the band", loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncol=3)
     return finish(figure, save=save)

@@ -33,7 +33,7 @@ WIDTH = 7.4
 """Width of a full figure [inch]."""
 LONGEST_TAIL = 2.0
 """Largest length of a tail shown beyond the central 90 % of the draws, in widths of this 90 % range. Normal and exponential
-tails are shorter."""
+tails are shorter than this limit."""
 
 _RC = {
     "font.size": 9.0,
@@ -201,5 +201,5 @@ def pretty_unit(unit: str) -> str:
 
 
 def thin(count: int, most: int = 4000) -> slice:
-    """Stride that selects about `most` points at most."""
+    """Slice that thins a sequence to fewer than twice `most` points."""
     return slice(None, None, max(1, count // most))

@@ -94,7 +94,7 @@ def coefficients(
     names: tuple[str, ...],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the coefficients that a surrogate predicts over the coefficients fitted to each single run."""
+    """Plot the coefficients predicted by a surrogate against the coefficients fitted to each run."""
     from matplotlib.figure import Figure
 
     columns = 4

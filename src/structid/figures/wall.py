@@ -145,7 +145,7 @@ def _without_axes(axis: Any) -> None:
 
 
 def _loop(axis: Any, drift: np.ndarray, shear: np.ndarray, instants: Sequence[int]) -> None:
-    """Draw base shear over drift, with numbered instants."""
+    """Plot base shear against drift, with numbered instants."""
     axis.plot(drift, shear, color=MUTED, lw=0.8)
     for number, instant in enumerate(instants, start=1):
         axis.plot(drift[instant], shear[instant], "o", ms=4, mew=0, color=MODEL)
@@ -167,7 +167,7 @@ def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDG
 def joint_law(
     curves: Sequence[Sequence[tuple[np.ndarray, np.ndarray, str]]], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw the normal traction of a joint over opening, and the tangential traction over slip."""
+    """Plot the normal traction of a joint against opening, and the tangential traction against slip."""
     figure, axes = canvas(1, 2, height=2.6)
     names = (("opening", "normal traction"), ("slip", "tangential traction"))
     for axis, panel, (jump, traction) in zip(axes[0], curves, names, strict=True):

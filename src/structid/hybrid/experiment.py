@@ -35,7 +35,7 @@ from structid.mechanics.restoring_forces import CollapseError
 NEVER_RESUMED = "A test on a structure is never resumed: a damaged structure cannot return to an earlier state."
 
 INTERFACE_SHARE = 0.5
-"""Fraction of the numerical part's interface mass that is assigned to a physical part without a description."""
+"""Fraction of the numerical part's interface mass that the physical part receives if `physical` is not given."""
 
 
 @check_arguments
@@ -178,7 +178,7 @@ class HybridTest:
         return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moved)
 
     def _move_callback(self, moves: list[Move]) -> Callable[[Move], None]:
-        """Function that stores every move and passes it to the filter."""
+        """Return a function that stores every move and passes it to the filter."""
         online = self.online
         if online is None:
             return moves.append
@@ -192,12 +192,12 @@ class HybridTest:
     # --- check and run ------------------------------------------------------------------------------------------
 
     def check(self) -> Feasibility:
-        """Check from the parts and from a virtual run whether the test is feasible; nothing moves.
+        """Check whether the test is feasible, from its parts and a virtual run; nothing moves.
 
         Returns
         -------
         Feasibility
-            Key figures, reasons against the test, and warnings.
+            Key figures, reasons for a refusal, and warnings.
 
         Raises
         ------
@@ -219,10 +219,10 @@ class HybridTest:
         return check_feasibility(plan, virtual, (len(base) - 1) // coupled.substeps)
 
     def _virtual_moves(self, coupled: Joined, base: np.ndarray) -> VirtualMoves:
-        """Expected moves of the specimen, computed with the expected force.
+        """Return the expected moves of the specimen, computed with the expected force.
 
-        A delayed specimen in continuous motion is read late and receives other commands, with or without compensation. The
-        virtual run then uses a simulated specimen behind a transfer system with the same delays.
+        In continuous motion, a delay makes readings late and so changes later commands, with or without compensation.
+        The virtual run then uses a simulated specimen behind a transfer system with the same delays.
         """
         channels, geometry = self._description.channels, self._geometry
         late = self._motion.continuous and any(channel.delay for channel in channels)
@@ -252,8 +252,8 @@ class HybridTest:
         store : path-like, optional
             HDF5 file for the result. During the test, its recording is next to this file; `open_hybrid` reads the recording too.
         resume : bool
-            Whether to continue an interrupted simulated test. A new specimen repeats all recorded steps, and the results must
-            be equal to the last bit.
+            Whether to continue an interrupted simulated test. A new specimen repeats all recorded steps; the results
+            must be bit-identical.
 
         Returns
         -------
@@ -279,7 +279,7 @@ class HybridTest:
     def _run_unchecked(
         self, checked: Feasibility | None = None, store: Path | None = None, resume: bool = False
     ) -> HybridResult:
-        """Run a test without a refusal if it is infeasible; only simulated specimens are safe then."""
+        """Run a test even if it is infeasible; this is safe for simulated specimens only."""
         checked = self.check() if checked is None else checked
         moves: list[Move] = []
         if self.online is not None:
@@ -306,7 +306,7 @@ class HybridTest:
         )
         if stiffer > STIFFER:
             warning = (
-                f"The specimen was {stiffer:.3g} times as stiff as K₀. K₀ must be its largest tangent stiffness; "
+                f"The specimen was {stiffer:.3g} times as stiff as K₀. K₀ must be the largest tangent stiffness; "
                 "otherwise steps may be unstable."
             )
             warnings.warn(warning, StructidWarning, stacklevel=4)
@@ -320,7 +320,7 @@ class HybridTest:
     def _taken(
         self, coupled: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
     ) -> tuple[np.ndarray, list[Event]]:
-        """Take all steps; returns the rows of the completed steps, and the event that ended the test early."""
+        """Take all steps; return the rows of the completed steps, and the event that ended the test early."""
         base = base_of(self.record, coupled, self.duration)
         rows: list[np.ndarray] = []
         recorded_moves = 0
@@ -350,7 +350,7 @@ class HybridTest:
         return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, ending)]
 
     def _earlier(self, store: Path) -> np.ndarray | None:
-        """Rows of an interrupted simulated test; its recording is renamed to end in .before."""
+        """Return the rows of an interrupted simulated test, and add .before to the file names of its recording."""
         if not journal_of(store).exists():
             return None
         if not self._description.simulated:
@@ -383,7 +383,7 @@ def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResu
 
 
 def _taken_virtually(coupled: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
-    """Steps of a run with the expected force, and the reason of a failure; an empty text if it did not fail."""
+    """Return the steps of a virtual run and the reason for its failure, an empty string if it did not fail."""
     steps: list[CoarseStep] = []
     try:
         for step in steps_over(coupled, coupled.start(base[0]), base):
@@ -394,7 +394,7 @@ def _taken_virtually(coupled: Joined, base: np.ndarray) -> tuple[list[CoarseStep
 
 
 def _imposed(coupled: Joined, steps: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements imposed on the physical part, and its forces, shape (move, dof)."""
+    """Return the displacements imposed on the physical part, and its forces, shape (move, dof)."""
     if coupled.fine_is_physical:
         parts = [step.fine.part for step in steps]
         return np.concatenate([p.imposed for p in parts]), np.concatenate([p.reading for p in parts])

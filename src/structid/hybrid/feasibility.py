@@ -28,7 +28,7 @@ ABSURD = 1e3
 TANGENT_ERROR = 1e-4
 """Error of a stiffness from finite differences, relative to K₀."""
 PROBE = 1e-7
-"""Displacement for the initial tangent stiffness of the expected force, by finite differences [m]."""
+"""Displacement of the finite differences that give the initial tangent stiffness of the expected force [m]."""
 SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
 """Fractions of K₀ at which the damping of a softened specimen is examined."""
 
@@ -74,7 +74,7 @@ class Feasibility:
 
 @dataclass(frozen=True, eq=False)
 class HybridTestPlan:
-    """A planned test: input of the check."""
+    """A planned test, the input to the feasibility check."""
 
     joined: Joined  # both parts, with the expected force of the physical part
     description: SpecimenDescription  # description of the specimen
@@ -99,7 +99,7 @@ class VirtualMoves:
 
 
 def commanded(plan: HybridTestPlan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
-    """Largest displacement and rate of the commands; compensation overshoots and amplifies small jumps."""
+    """Return the largest displacement and rate of the commands, which compensation can increase."""
     step = plan.description.controller_step
     started = np.concatenate([0.0 * targets[:1], targets])
     if plan.compensation is None:
@@ -115,7 +115,7 @@ def commanded(plan: HybridTestPlan, targets: Float[np.ndarray, "move channel"]) 
 
 
 def damping_with_delay(plan: HybridTestPlan, whole: WholeStructure, delay: float) -> Float[np.ndarray, " mode"]:
-    """Damping ratio of each mode: ζ + p Im G/2 with G = gain · e^(−iωτ)."""
+    """Return the damping ratio of each mode: ζ + p Im G/2 with G = gain · e^(−iωτ)."""
     if not plan.motion.continuous:
         return whole.damping_ratios
     factors = np.array([_loop_factor(plan, omega, delay) for omega in whole.frequencies])
@@ -123,14 +123,14 @@ def damping_with_delay(plan: HybridTestPlan, whole: WholeStructure, delay: float
 
 
 def _loop_factor(plan: HybridTestPlan, omega: float, delay: float) -> complex:
-    """Loop factor G = gain · e^(−iωτ) on the specimen's force, at a frequency ω of simulated time."""
+    """Return the factor G = gain · e^(−iωτ) of the specimen's force, for a frequency in simulated time."""
     turned = omega / plan.time_scale
     gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, delay)
     return complex(gain * np.exp(-1j * turned * delay))
 
 
 def spurious_damping(plan: HybridTestPlan) -> float:
-    """Smallest damping ratio that the coupling adds to a mode of undamped parts with a softened specimen."""
+    """Return the lowest damping ratio of undamped parts with a softened specimen, which the coupling alone causes."""
     numerical, physical = (side.part for side in (plan.joined.numerical, plan.joined.physical))
     dampings = [
         free_oscillations(plan.joined.of_parts(numerical.undamped().softened(1.0), physical.undamped().softened(share)))
@@ -170,7 +170,7 @@ def check_feasibility(plan: HybridTestPlan, virtual: VirtualMoves, steps: int) -
 
 
 def largest_stiffness(plan: HybridTestPlan, virtual: VirtualMoves) -> float:
-    """Largest declared or expected stiffness of the specimen, relative to K₀."""
+    """Return the largest declared or expected stiffness of the specimen, relative to K₀."""
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
     ratios = [
         1.0,
@@ -186,7 +186,7 @@ def largest_stiffness(plan: HybridTestPlan, virtual: VirtualMoves) -> float:
 
 
 def _first_tangent(part: Substructure) -> np.ndarray:
-    """Initial tangent stiffness of the expected force, from small displacements."""
+    """Return the initial tangent stiffness of the expected force, from small displacements."""
     start = np.zeros(part.dofs)
     at_rest, memory = part.force.begin(start)
     columns = [(part.force.at(memory, PROBE * row)[0] - at_rest) / PROBE for row in np.eye(part.dofs)]
@@ -195,7 +195,7 @@ def _first_tangent(part: Substructure) -> np.ndarray:
 
 
 def _late(plan: HybridTestPlan, whole: WholeStructure, figures: Feasibility) -> list[str]:
-    """Messages that refuse a test because of its delay."""
+    """Return messages that refuse a test because of its delay."""
     if not plan.motion.continuous:
         waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
         if plan.motion.settles or waits >= figures.delay:
@@ -223,15 +223,15 @@ def _late(plan: HybridTestPlan, whole: WholeStructure, figures: Feasibility) -> 
 
 
 def _unstable(plan: HybridTestPlan, virtual: VirtualMoves, stiffness: float) -> list[str]:
-    """Messages that refuse a test because of its steps or its splitting."""
+    """Return messages that refuse a test because of its time steps or too stiff a specimen."""
     sentences = []
     coupled, physical = plan.joined, plan.joined.physical.part
     step = physical.largest_frequency * coupled.dt
     if coupled.guesses_for_specimen and step > LARGEST_FINE_STEP:
         sentences.append(
-            f"ω Δt of the fine specimen is {step:.2f}. It must be at most {LARGEST_FINE_STEP:g}, because spurious damping grows "
-            f"with its cube. Use Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, make the numerical part the "
-            "fine part, or use GravouilCombescure."
+            f"ω Δt of the fine specimen is {step:.2f}. It must be at most {LARGEST_FINE_STEP:g}, because spurious "
+            f"damping grows with (ω Δt)³. Use Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, "
+            "make the numerical part the fine part, or use GravouilCombescure."
         )
     if stiffness > 1.0 + TANGENT_ERROR:
         stiff = coupled.of_parts(coupled.numerical.part.softened(1.0), physical.softened(stiffness))
@@ -251,7 +251,7 @@ def _unstable(plan: HybridTestPlan, virtual: VirtualMoves, stiffness: float) -> 
 
 
 def _beyond_limits(plan: HybridTestPlan, figures: Feasibility) -> list[str]:
-    """Messages that refuse a test because a channel exceeds a limit."""
+    """Return messages that refuse a test because a channel exceeds a limit."""
     sentences = []
     for k, channel in enumerate(plan.description.channels):
         for what, unit, limit, value in (
@@ -276,8 +276,8 @@ def _warnings(plan: HybridTestPlan, figures: Feasibility, stiffness: float) -> l
         )
     if stiffness > 1.0 + TANGENT_ERROR:
         sentences.append(
-            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent stiffness; "
-            "otherwise steps may be unstable."
+            f"The stiffness of the specimen is {stiffness:.3g} times the K₀ of its part. K₀ must be the largest "
+            "tangent stiffness; otherwise steps may be unstable."
         )
     if plan.compensation is None and plan.motion.continuous and figures.delay > 0.5 * figures.critical_delay:
         share = figures.delay / figures.critical_delay

@@ -43,7 +43,7 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MoveHistory:
-    """All moves of the specimen, in order; arrays (move, channel). The first move is at rest, before the test."""
+    """All moves of the specimen, in order; arrays (move, channel). The first move, before the test, is to zero."""
 
     time: Float[np.ndarray, " move"]  # simulated time at the end of the move [s]
     target: np.ndarray  # target displacement [m]
@@ -73,7 +73,7 @@ class HybridResult(ShownAsText):
     Parameters
     ----------
     histories : PartitionedHistories or None
-        Histories of both parts for the finished steps; None if the test ended before its start.
+        Histories of both parts for the finished steps; None if the test ended before its initial state was recorded.
     moves : MoveHistory
         Moves of the specimen.
     events : tuple of Event
@@ -119,7 +119,9 @@ class HybridResult(ShownAsText):
     def coarse(self) -> CoarseHistory:
         """Histories at the coarse steps."""
         if self.histories is None:
-            raise InputError("HybridResult", "the test ended before its start", "a test with histories")
+            raise InputError(
+                "HybridResult", "the test ended before its initial state was recorded", "a test with histories"
+            )
         return self.histories.coarse
 
     @cached_property
@@ -152,10 +154,11 @@ class HybridResult(ShownAsText):
         before: Sequence[HybridResult] = (),
         sd: float | Sequence[float] | np.ndarray | None = None,
     ) -> Observation:
-        """Observation of the specimen: forces at its measured displacements, not at the commanded displacements.
+        """Return an observation of the specimen: forces at its measured displacements, not at the commanded ones.
 
-        The response of a specimen depends on its earlier tests. If they are given, their moves come first. Displacements are
-        relative to the first zero. After a test, the path goes straight to the zero of the next test, where the force was zero.
+        The response of a specimen depends on its earlier tests. The moves of the tests in `before` come first.
+        Displacements are relative to the zero of the first test. After a test, the path goes straight to the zero of
+        the next test, where the force was zero.
 
         Parameters
         ----------

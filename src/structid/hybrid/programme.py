@@ -27,12 +27,12 @@ PREFIX, SUFFIX = "test_", ".h5"
 
 
 def store_of(folder: Path, name: str) -> Path:
-    """Path of the store of a test."""
+    """Return the path of the store of a test."""
     return folder / f"{PREFIX}{name}{SUFFIX}"
 
 
 def tests_in(folder: Path, ending: str = "") -> list[str]:
-    """Names of the tests with a store in a folder."""
+    """Return the names of the tests that have a store in a folder, oldest first."""
     stores = sorted(folder.glob(f"{PREFIX}*{SUFFIX}{ending}"), key=lambda path: path.stat().st_mtime)
     return [path.name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}{ending}") for path in stores]
 
@@ -68,7 +68,7 @@ class ProgrammeResult(ShownAsText):
 
     @property
     def ended_by(self) -> str:
-        """Reason of an early end, with the name of the test; empty for a completed programme."""
+        """Reason for an early end, with the name of the test; empty for a completed programme."""
         for name, test in self.tests.items():
             if not test.finished:
                 event = test.events[-1] if test.events else None
@@ -178,8 +178,9 @@ class Programme:
         folder : path-like, optional
             Folder for the stores of the tests.
         resume : bool
-            Whether to continue the programme in the folder. A simulated specimen repeats all stored tests, with equal results. On
-            a structure, stored tests are kept and the next test starts; the operator must have released the specimen.
+            Whether to continue the programme in the folder. A simulated specimen repeats all stored tests; the results
+            must be equal. On a structure, stored tests are kept and the next test starts; the operator must have
+            released the specimen.
         watching : callable, optional
             Called with the name of a test and the test before it starts.
 
@@ -224,7 +225,7 @@ class Programme:
 
 
 def _stored(store: Path | None) -> HybridResult | None:
-    """Stored result of a test; None if there is no store."""
+    """Return the stored result of a test, or None if there is no store."""
     return open_hybrid(store) if store is not None and store.exists() else None
 
 

@@ -29,8 +29,8 @@ from structid.probability.space import ParameterSpace
 class VirtualHybridTest(TraceableModel):
     """Model of two coupled parts: a model with free parameters gives the force of the physical part.
 
-    It integrates like the test, with the same parts, steps, splitting and coupling. It has no actuators; `HybridTest.check`
-    computes their effect.
+    The model is integrated like the test, with the same parts, steps, splitting and coupling. It has no actuators;
+    `HybridTest.check` computes their effect.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class VirtualHybridTest(TraceableModel):
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the model in an engineer's words."""
+        """Descriptive name of the model."""
         return "virtual hybrid test"
 
     @property
@@ -115,7 +115,7 @@ class VirtualHybridTest(TraceableModel):
         )
 
     def _joined(self, theta: Any) -> Joined:
-        """Coupled parts for a batch of runs, one run per row of `theta`."""
+        """Return the coupled parts for a batch of runs, one run per row of `theta`."""
         force = self.specimen.static_force(theta)
         assert force is not None  # checked in __post_init__
         way = np.zeros((1, force.dofs)) if self.way is None else self.way
@@ -130,7 +130,7 @@ class VirtualHybridTest(TraceableModel):
         return round(excitation.dt / self.dt) * self.coupling.substeps
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
-        """Loop over the record; see `TraceableModel.time_loop`."""
+        """Return the loop over the record; see `TraceableModel.time_loop`."""
         coupled, fine = self._joined(theta), self.coupling.substeps
         stages = excitation.stages.reshape(len(excitation.stages), -1, fine, 3)
 
@@ -147,7 +147,7 @@ class VirtualHybridTest(TraceableModel):
         return TimeLoop(start, sample, stages, excitation.dropped_samples, _finite)
 
     def _channel_values(self, state: CoupledState) -> Any:
-        """Values of the channels, shape (channel, run)."""
+        """Return the values of the channels, shape (channel, run)."""
         physical, numerical = state.physical, state.numerical
         inner = [numerical.displacement[k] for k in self._inner]
         rows = [*physical.displacement, *inner, *physical.force]
@@ -205,7 +205,7 @@ class VirtualHybridTest(TraceableModel):
 
 
 def _finite(state: CoupledState) -> Any:
-    """True for each run with finite displacements."""
+    """Return True for each run with finite displacements."""
     return jnp.isfinite(state.physical.displacement).all(axis=0) & jnp.isfinite(state.numerical.displacement).all(
         axis=0
     )

@@ -13,9 +13,9 @@ from structid.probability.ranks import ranks
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
-"""Minimum number of last steps in which walkers with a density far below the others' are searched."""
+"""Minimum number of final steps searched for walkers whose density is far below the others'."""
 IN_TURN, ERRORS_OF_CHANCE = 0.1, 6.0
-"""Autocorrelation, and standard errors added to it, above which draws come from alternating walkers. Below 0.1, τ is at most
+"""Autocorrelation that reveals alternating walkers: a constant plus this many standard errors. Below 0.1, τ is at most
 1.2."""
 FEWEST_MOVES = 50
 """The acceptance of a walker is assessed only if the median walker has at least this many accepted moves."""
@@ -24,10 +24,11 @@ FEWEST_MOVES = 50
 def autocorrelation_time(series: Float[np.ndarray, "series step"], window: float = 5.0) -> float:
     """Integrated autocorrelation time, τ = 1 + 2 Σ (1 − t/S) ρ(t) over S steps, with Sokal's window.
 
-    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged first, since
-    each alone is noisy. They refer to the mean of all series: about its own mean, a series not much longer than τ shows too little
-    correlation. The mean of E series itself has a variance V, and each autocovariance is too small by V.
-    With V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S), the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
+    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged
+    first, since each alone is noisy. Every series is centred on the mean of all series. If it were centred on its own
+    mean, a series not much longer than τ would show too little correlation. The overall mean of E series has a variance
+    V, so each autocovariance is too small by V. With V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S), the sum is divided by 1 −
+    Σ (1 − |t|/S) / (E S).
     """
     return _time_and_error(series, window)[0]
 
@@ -59,7 +60,7 @@ def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarr
 def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
     """Number of walkers whose draws alternate in an apparently single chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
 
-    Neighbouring draws are then independent. Draws of the same walker, which lie this number apart, are correlated.
+    Neighbouring draws are then independent. Draws of the same walker are this many draws apart, and correlated.
     """
     covariance = autocovariance(draws)
     correlation = np.mean(covariance / covariance[0], axis=1)
@@ -83,7 +84,7 @@ def effective_sample_size(draws: Float[np.ndarray, "step ensemble walker"]) -> f
 
 
 def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Standard error of the mean of a quantity: the larger estimate from effective sample size and from ensembles."""
+    """Standard error of a mean: the larger of two estimates, from effective sample size and from ensemble means."""
     of_ensembles = draws.mean(axis=(0, 2))
     by_size = draws.var() / max(effective_sample_size(draws), 1.0) if np.ptp(draws) else 0.0
     by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
@@ -91,13 +92,14 @@ def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 
 
 def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Integrated autocorrelation time of a quantity, which gives the error of its mean.
+    """Integrated autocorrelation time of a quantity, which determines the standard error of its mean.
 
-    The relevant τ is the autocorrelation time of each ensemble's mean. A few ensembles determine it poorly: 300 steps with τ = 60
-    give it to a factor of four. The many walkers determine their own τ well, but not their dependence on one another. The result is
-    therefore the walkers' τ plus a fraction of the difference d by which the means' τ exceeds it. With the standard error s of the
-    means' τ, this fraction is (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For
-    chains shorter than some ten τ, only the walkers are used: see `longest_time`.
+    The relevant τ is the autocorrelation time of each ensemble's mean. Few ensembles determine it poorly: if τ = 60,
+    300 steps give it only to within a factor of four. The many walkers determine their own τ well, but not their
+    dependence on one another. The result is therefore the walkers' τ plus a fraction of the difference d by which the
+    means' τ exceeds it. With the standard error s of the means' τ, this fraction is (1 − s²/d²)₊ (the non-negative
+    garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains shorter than about ten τ, only the walkers
+    are used: see `longest_time`.
     """
     alone, together, error = _times_alone_and_together(draws)
     beyond = together - alone
@@ -105,7 +107,7 @@ def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
 
 
 def longest_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
-    """Autocorrelation time that sets the required chain length: the walkers' or their ensemble means', if longer."""
+    """Autocorrelation time that sets the required chain length: the longer of the walkers' and the ensemble means'."""
     alone, together, _ = _times_alone_and_together(draws)
     return float(np.fmax(alone, together))
 
@@ -116,12 +118,12 @@ def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
 
 
 def bulk_and_tail_size(draws: Float[np.ndarray, "step ensemble walker"]) -> tuple[float, float]:
-    """Effective sample size of the rank-normalised draws, and the smaller effective sample size of the 5 and 95 % quantiles."""
+    """Effective sample sizes: of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles."""
     return effective_sample_size(normal_scores(draws)), _size_beyond(draws, 0.05)
 
 
 def _size_beyond(draws: np.ndarray, share: float) -> float:
-    """The smaller effective sample size of the two tails that each contain a fraction of the draws."""
+    """The smaller of the effective sample sizes of both tails; each tail contains the fraction `share` of the draws."""
     return min(effective_sample_size((draws <= q).astype(np.float64)) for q in np.quantile(draws, [share, 1.0 - share]))
 
 

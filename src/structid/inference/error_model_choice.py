@@ -80,7 +80,7 @@ class ErrorModelChoice(ShownAsText):
 
     @property
     def chosen(self) -> int:
-        """Index of the simplest error model whose evidence equals the largest evidence within their errors."""
+        """Index of the simplest error model whose log evidence equals the largest within the standard errors."""
         allowed = {
             index: e
             for index, e in enumerate(self.evidences)
@@ -131,7 +131,10 @@ class ErrorModelChoice(ShownAsText):
         if ahead.value >= 0.0:
             nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
             return f", {nats} ± {ahead.error:.1f} nats ahead of {self.error_models[next_best]}"
-        return f", which is simpler than {self.error_models[next_best]} and has the same evidence within the errors"
+        return (
+            f", which is simpler than {self.error_models[next_best]} and has the same evidence within the "
+            "standard errors"
+        )
 
     def __str__(self) -> str:
         width = max(len(error_model) for error_model in self.error_models)
@@ -182,14 +185,14 @@ def choose_error_model(
     Returns
     -------
     ErrorModelChoice
-        ``print`` it; ``.posterior`` has the chosen error model.
+        ``print`` shows the comparison; ``.posterior`` has the chosen error model.
 
     Raises
     ------
     InputError
         If no error model is given.
     ConvergenceError
-        If no error model has an evidence.
+        If no error model has a finite log evidence.
 
     Examples
     --------
@@ -229,7 +232,9 @@ def choose_among(
 
         results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=report))
     if not any(np.isfinite(_evidence(r).value) for r in results):
-        raise ConvergenceError("No error model has an evidence: all simulations of prior draws fail. Check the priors.")
+        raise ConvergenceError(
+            "No error model has a finite log evidence: all simulations of prior draws fail. Check the priors."
+        )
     choice = ErrorModelChoice(tuple(results))
     _log.info("%s", choice.said)
     return choice

@@ -23,7 +23,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 
 POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, correlation=0.3)
-"""Independent population with which the draws of a few chains are compared."""
+"""Sampler of an independent population, with which the draws of a few chains are compared."""
 
 
 @check_arguments

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     import xarray
 
 THINNED_DRAWS = 1000
-"""Draws used for predictive histories."""
+"""Number of draws used for predictive histories."""
 STORED_DRAWS = 300
-"""Draws whose predictive histories and pointwise likelihoods enter the ArviZ groups."""
+"""Number of draws whose predictive histories and pointwise likelihoods enter the ArviZ groups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ class SamplingResult(ShownAsText):
         return {name: parameter_diagnostics(compared[..., i]) for i, name in enumerate(self.names)}
 
     def summary(self) -> Summary:
-        """Give moments, quantiles, best point and diagnostics as a table.
+        """Return moments, quantiles, best point and diagnostics as a table.
 
         Returns
         -------
@@ -227,7 +227,7 @@ class SamplingResult(ShownAsText):
         """Variation of the means over repeated measurements, valid even if model or error model is wrong; see `robust_spread`.
 
         It equals the posterior's standard deviations if the residuals are white, and is never smaller. None for an unconverged
-        run, without a measurement, and for an external solver, since it takes a thousand runs.
+        run, without a measurement, and for an external solver, which would take a thousand runs.
         """
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
@@ -341,7 +341,7 @@ class SamplingResult(ShownAsText):
         return warnings
 
     def _wrong_error_model(self) -> list[str]:
-        """Residuals that the error model does not describe."""
+        """Warnings about residuals that the error model does not describe."""
         if self._measured is None or self._convergence[1]:
             return []
         count = self._measured.model_space.dimension  # the model's own parameters come first
@@ -409,7 +409,7 @@ class SamplingResult(ShownAsText):
         import xarray
 
         if thinned is not None and thinned < 2:
-            raise InputError("to_datatree(thinned)", f"{thinned}", "2 draws or more, best a few hundred")
+            raise InputError("to_datatree(thinned)", f"{thinned}", "2 draws or more, ideally a few hundred")
         # Each walker is a chain. Particles are too many and move too few steps: the particles of an ensemble form one chain.
         ensembles, pooled = self.sampler.ensembles, not self.sampler.starts_elsewhere
         count = ensembles if pooled else ensembles * self.sampler.walkers

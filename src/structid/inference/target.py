@@ -207,7 +207,7 @@ class Target(ABC):
 
 
 def _checked_bounds(where: str, pair: Any) -> np.ndarray:
-    """A lower and a larger upper bound; either may be infinite."""
+    """Check that a lower bound is below an upper bound; either may be infinite."""
     bounds = real_array(where, pair, "a lower and an upper bound")
     if bounds.shape != (2,) or not bounds[0] < bounds[1]:
         raise InputError(where, f"{pair!r}", "a lower bound and a larger upper bound, such as (0.0, np.inf)")
@@ -241,7 +241,8 @@ class LogDensity(Target):
     bounds : mapping of str to pair of float, optional
         Support of the bounded parameters: ``{"tau": (0.0, np.inf)}``.
     backend : {"numpy", "jax"}
-        Array library of `function`. JAX arrays in it must be float64: begin with ``jax.config.update("jax_enable_x64", True)``.
+        Array library of `function`. JAX arrays in the function must be float64: begin with
+        ``jax.config.update("jax_enable_x64", True)``.
 
     Examples
     --------
@@ -333,7 +334,7 @@ class LogDensity(Target):
         return np.where(failed, -np.inf, value), failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood, if `initial` is a parameter space (then the prior); see `Target.evaluate_parts`."""
+        """Log prior and log-likelihood if `initial` is a parameter space (the prior); see `Target.evaluate_parts`."""
         if not isinstance(self._initial, ParameterSpace):
             return super().evaluate_parts(phi)  # raises InputError
         density, failed = self.evaluate(phi)

@@ -1,4 +1,4 @@
-"""Wrappers of a restoring force: one starts after a displacement history, one divides every move into pieces."""
+"""Wrappers of a restoring force: one starts after a displacement history, one divides displacement increments."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class AroundAnother(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """Largest move of the wrapped force; see `RestoringForce.largest_move`."""
+        """Largest displacement increment of the wrapped force; see `RestoringForce.largest_move`."""
         return self.force.largest_move
 
 
@@ -68,7 +68,7 @@ class CarriedOver(AroundAnother):
 
     @staticmethod
     def _of(displacement_before: Any, displacement: Any) -> Any:
-        """Return a displacement measured from the original zero, in the shape of the argument."""
+        """Convert a displacement from the new zero to the original zero; its shape is unchanged."""
         return displacement + (
             displacement_before if displacement.ndim == 1 else jax.numpy.asarray(displacement_before)[:, None]
         )
@@ -76,16 +76,16 @@ class CarriedOver(AroundAnother):
 
 @dataclass(frozen=True, eq=False)
 class InPieces(AroundAnother):
-    """A structure in which every move is divided into equal pieces.
+    """A restoring force that divides every displacement increment into equal pieces.
 
-    This makes long moves more accurate for a constitutive law that takes one Runge-Kutta step per move.
+    Large increments are then more accurate for a constitutive law that takes one Runge-Kutta step per increment.
     """
 
-    pieces: int  # pieces per move
+    pieces: int  # pieces per displacement increment
 
     @property
     def largest_move(self) -> float:
-        """`pieces` times the largest move of the wrapped force; see `RestoringForce.largest_move`."""
+        """`pieces` times the largest increment of the wrapped force; see `RestoringForce.largest_move`."""
         return self.pieces * self.force.largest_move
 
     def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:

@@ -17,13 +17,13 @@ from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 
 ROUNDING = 1e-10
-"""Relative tolerance of κ and of the friction limit, so that rounding causes no damage or sliding in a joint at rest."""
+"""Relative tolerance of κ and of the friction limit, which prevents damage or sliding from rounding errors."""
 COUPLING = math.sqrt(2.0) - 1.0
 """Coefficients a = b of NP2, for which both traction components are equal at 45° [5.1]."""
 
 
 class CohesiveLaw(NamedTuple):
-    """Initial stiffnesses and characteristic lengths; each is a float or an array over runs."""
+    """Parameters of a cohesive law: stiffnesses, characteristic lengths and friction; floats or arrays over runs."""
 
     normal_stiffness: Any  # k_n = σ_max e / δ_n [Pa/m]
     tangential_stiffness: Any  # k_t = τ_max e / δ_t [Pa/m]
@@ -83,7 +83,7 @@ class JointLaw(ABC):
 
 
 class SmcNp2(JointLaw):
-    """SMC in separation, NP2 in over-closure [5.1]-[5.4]. Without memory, an open joint heals when it closes.
+    """Joint law: SMC in separation, NP2 in over-closure [5.1]-[5.4]. Without memory, an open joint heals on closing.
 
     The tractions depend on x = Δ_n/δ_n, y = |Δ_t|/δ_t and ρ = √(x² + y²); k_n Δ_n = σ_max e x and k_t Δ_t = ± τ_max e y::
 
@@ -112,15 +112,16 @@ class SmcNp2(JointLaw):
 
 
 class DamageFriction(JointLaw):
-    """SMC with damage: unloading to the origin, undamaged contact, and friction in the damaged, closed joint.
+    """Joint law: SMC with damage, unloading to the origin, undamaged contact, friction in the damaged, closed joint.
 
     κ is the largest ρ so far, where ρ = √(x² + y²) with x = ⟨Δ_n⟩/δ_n, and D = 1 − exp(−κ)::
 
-    T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
+        T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
         T_t = (1 − D) k_t Δ_t + D T_f,    T_f = k_t (Δ_t − Δ_p),    |T_f| ≤ μ ⟨−T_n⟩
 
-    While κ grows in separation, the law equals SMC. The dissipation is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′ plus the frictional
-    dissipation. The memory contains κ and the slip Δ_p, from which the friction force is measured.
+    While κ grows in separation, this law gives the tractions of SMC. The dissipation is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ)
+    κ′ plus the frictional dissipation. The memory contains κ and the slip Δ_p, from which the friction force is
+    measured.
     """
 
     memories, load_steps = 2, 4
@@ -169,7 +170,7 @@ class DamageFriction(JointLaw):
 
 
 def _sticks(xp: Any, tried: Any, limit: Any) -> Any:
-    """Whether the joint sticks. After sliding a joint is at the friction limit and sticks; without pressure it never sticks."""
+    """Whether the joint sticks. A joint exactly at the friction limit sticks; a joint without compression does not."""
     return (limit > 0.0) & (xp.abs(tried) <= (1.0 + ROUNDING) * limit)
 
 

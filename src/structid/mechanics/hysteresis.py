@@ -14,7 +14,7 @@ from structid.engine.array_module import namespace
 
 
 class Law(NamedTuple):
-    """Parameters of the hysteretic law. Each is an array over runs, or a float that is fixed at compile time.
+    """Parameters of the hysteretic law; each parameter is an array over runs, or a float fixed at compile time.
 
     The exponent n is `exponent`, and A₀ is `amplitude`. The degradation rates are δ_A, δ_ν, δ_η [kg/J]. The pinching parameters
     are ζ₀, p, q, ψ₀, δ_ψ, λ.
@@ -77,7 +77,7 @@ def _inverse(exponent: Any) -> Any:
 
 
 def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
-    """Upper bound of |∂z′/∂z|, the decay rate of the memory of the hysteretic displacement.
+    """Return an upper bound of |∂z′/∂z|, the rate at which the hysteretic displacement loses its memory.
 
     |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|;   pinching and η only reduce the rate
     """
@@ -92,8 +92,9 @@ def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
 
 
 LONGEST_STEP = 1.5
-"""Longest step in units of 1/|∂z′/∂z|, the characteristic length of a spring's hysteretic force, and of 1/ω of the highest mode.
-In cyclic tests with such steps the force error is below 1 % of the peak force (docs/theory/models.md). The Runge-Kutta method is
+"""Longest accurate integration step, relative to 1/|∂z′/∂z| and to 1/ω of the highest mode. For an imposed
+displacement, the step is the increment relative to the characteristic length of the hysteretic force. In cyclic tests
+with such steps the force error is below 1 % of the peak force (docs/theory/models.md). The Runge-Kutta method is
 unstable for longer steps than 2.78 (Hairer & Wanner 1996, figure IV.2.1)."""
 
 

@@ -1,4 +1,4 @@
-"""A second-order system of masses on hysteretic springs: its state, its rate of change, its channels.
+"""Equations of masses on hysteretic springs: the state, its time derivative, the channels.
 
 Equation numbers refer to the MSc thesis in docs/bibliography.md.
 """
@@ -13,7 +13,7 @@ from structid.mechanics.hysteresis import LONGEST_STEP, Law, degrades, hystereti
 from structid.mechanics.runge_kutta import Watch
 
 State = dict[str, Any]
-"""``u``, ``v``, ``z`` and, if needed, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
+"""State: ``u``, ``v``, ``z`` and, if needed, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
 
 
 class HystereticSystem(ABC):

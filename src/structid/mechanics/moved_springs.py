@@ -14,22 +14,23 @@ from structid.mechanics.hysteresis import LONGEST_STEP, Law, hysteretic_rate, la
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 State = dict[str, Any]
-"""``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
+"""State of springs: ``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
 SHORT_STEP = 0.25
-"""Length of the pieces of a move that is too long for one step, in units of the force's characteristic length."""
+"""Length of the pieces into which a large displacement increment is divided, relative to the characteristic length."""
 MOST_PIECES = 1000
-"""Largest number of pieces of a move: 250 characteristic lengths, metres for a storey. Only unbounded runs have longer moves."""
+"""Largest number of pieces of a displacement increment. It allows 250 characteristic lengths, several metres for a
+storey; only a diverging run has larger increments."""
 NEWTON_ITERATIONS = 4
-"""Iterations for the point where z = 0; after a linear first guess three iterations are exact to the last digit."""
+"""Newton iterations for the point where z = 0; after a linear first guess, three are exact to the last digit."""
 
 
 def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
-    """Move springs from deformation d by Δ: one Runge-Kutta step for z and e_h along d + s Δ, 0 ≤ s ≤ 1.
+    """Deform springs from d to d + Δ: one Runge-Kutta step for z and e_h along d + s Δ, 0 ≤ s ≤ 1.
 
     dz/ds = law(Δ, z, e_h),    de_h/ds = (1 − α) k/m z Δ                            [3.4, 3.14]
 
-    For an exponent of 1 the law has a kink at z = 0, which would reduce the order. A move that crosses the kink is therefore
-    split there.
+    For an exponent of 1 the law has a kink at z = 0, which would reduce the order of accuracy. An increment that
+    crosses the kink is therefore split there.
     """
     before = state["z"]
     xp = namespace(before)
@@ -55,10 +56,10 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
 
 
 def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[State, Any]:
-    """Move springs and report whether a Runge-Kutta step is accurate over a move of this length.
+    """Deform springs by an increment, and report whether the increment is small enough for accurate Runge-Kutta steps.
 
-    Outside JAX a move that is too long is divided into at most `MOST_PIECES` pieces. Inside JAX the number of pieces must not
-    depend on the parameters, so a move that is too long is only reported.
+    Outside JAX an increment that is too large is divided into at most `MOST_PIECES` pieces. Inside JAX the number of
+    pieces must not depend on the parameters, so an increment that is too large is only reported.
     """
     xp = namespace(state["z"])
     if xp is np:
@@ -75,9 +76,9 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
 
 
 def _pieces(law: Law, state: State, change: Any) -> float:
-    """Return the number of pieces of a move: one, unless the move is longer than `LONGEST_STEP` at the largest possible z.
+    """Return the number of pieces of an increment: one, unless it exceeds `LONGEST_STEP` at the largest possible z.
 
-    The number is infinite or NaN for an unbounded move.
+    The number is infinite or NaN for an unbounded increment.
     """
     largest = np.abs(state["z"]) + law.amplitude * np.abs(change)
     both = law.beta + law.gamma

@@ -24,14 +24,14 @@ from structid.mechanics.moved_springs import followed_by
 
 
 class CollapseError(StructidError):
-    """Error of a collapsed structure: no equilibrium exists at the imposed displacement. The message names the failed part."""
+    """Error raised if a structure collapses under imposed displacements. The message gives the cause."""
 
 
 class RestoringForce(ABC):
     """A static force r(u) of a substructure, which depends on its displacements and their history.
 
-    The memory is an argument and a result, so a trial step can be discarded. A laboratory cannot discard a step: it imposes
-    a displacement once and reads the force once.
+    The memory is an argument and a result, so a trial step can be discarded. A specimen in the laboratory allows no
+    trial steps: it receives each displacement once, and its force is read once.
     """
 
     @property
@@ -46,7 +46,7 @@ class RestoringForce(ABC):
 
     @property
     def largest_move(self) -> float:
-        """Longest move along a path that is made in one piece [m]."""
+        """Largest displacement increment that is imposed in one piece [m]."""
         return np.inf
 
     @property
@@ -174,7 +174,7 @@ class HystereticSprings(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """Fraction of z_u, the largest z, for which the error of a Runge-Kutta step is 1e-9; see `RestoringForce.largest_move`."""
+        """Increment for a Runge-Kutta error of 1e-9: 4 % of z_u, the largest z; see `RestoringForce.largest_move`."""
         shapes = float(np.max(np.abs(self.law.beta) + np.abs(self.law.gamma)))
         ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
@@ -206,7 +206,7 @@ class HystereticSprings(RestoringForce):
 
 
 def _arrays_of(settings: Any) -> list[np.ndarray]:
-    """Return the numbers of a dataclass and of the tuples in it."""
+    """Return the field values of a dataclass as arrays, including those of nested dataclasses and tuples."""
     values = [getattr(settings, f.name) for f in fields(settings)] if is_dataclass(settings) else list(settings)
     result: list[np.ndarray] = []
     for value in values:

@@ -14,7 +14,7 @@ from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
 class Watch(NamedTuple):
-    """Monitor of every sample that detects time steps too long for the equations."""
+    """Monitor of a loop over time, which checks whether the time steps are short enough for the equations."""
 
     start: State  # initial value
     seen: Callable[[State, State, Any], State]  # ``seen(watched, state, input)``: the value after another sample

@@ -32,7 +32,7 @@ class StandIn(ABC):
     @property
     @abstractmethod
     def relative_error(self) -> float:
-        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² with respect to the replaced model."""
+        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)², with the responses y of the replaced model and ŷ of its replacement."""
 
     @abstractmethod
     def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
@@ -155,7 +155,8 @@ class Model(ABC):
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
         """Channel names of displacement, force and absorbed energy, for every spring with a hysteresis loop.
 
-        The keys are names of springs; the only spring of a model has an empty name. `recording` makes a model record the channels.
+        The keys are names of springs; the only spring of a model has an empty name. A copy of
+        the model from `recording` records these channels.
         """
         return {}
 
@@ -243,7 +244,7 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If the model cannot record them.
+            If the model cannot record these channels.
         """
         if set(channels) <= set(self.channels):
             return self
@@ -273,7 +274,8 @@ class Model(ABC):
         progress : callable, optional
             Callback whose arguments are the number of finished runs and the total number.
         map : callable, optional
-            Function that maps the runs of an external model, like ``Executor.map``. Built-in models run in batches without it.
+            Function that maps the runs of an external model, like ``Executor.map``. Built-in models run in batches and
+            ignore it.
 
         Returns
         -------
@@ -327,12 +329,12 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If they are invalid for the model.
+            If the parameters or the excitation are invalid for the model.
         """
         self.check_excitation(excitation)
 
     def check_excitation(self, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
-        """Refuse an excitation to which the model cannot respond.
+        """Refuse an excitation for which the model cannot compute a response.
 
         Parameters
         ----------
@@ -342,7 +344,7 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If the model cannot respond to it.
+            If the model cannot compute a response to the excitation.
         """
 
     def _run_on_several(
@@ -416,7 +418,7 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If they do not match.
+            If the names do not match.
         """
         for name in self.free:
             if name not in all_names:
@@ -424,7 +426,7 @@ class Model(ABC):
                     f"{type(self).__name__}.free",
                     f"'{name}' has no prior",
                     ", ".join(all_names) or "nothing",
-                    suggestion(name, all_names) or "Give it a prior, or a value in the model.",
+                    suggestion(name, all_names) or "Give the parameter a prior, or a value in the model.",
                 )
         if set(sampled) == set(all_names):
             for name in sampled:
@@ -433,7 +435,7 @@ class Model(ABC):
                         "parameter space",
                         f"'{name}' is not a free parameter of this {type(self).__name__}",
                         ", ".join(self.free) or "none",
-                        suggestion(name, self.free) or "Remove it, or name it in free.",
+                        suggestion(name, self.free) or "Remove the parameter, or name it in the model's free.",
                     )
 
     def check_priors(self, space: ParameterSpace) -> None:
@@ -447,7 +449,7 @@ class Model(ABC):
         Raises
         ------
         InputError
-            If a unit or a range is wrong.
+            If the unit or the range of a prior is wrong.
         """
         return
 
@@ -455,7 +457,9 @@ class Model(ABC):
 def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Excitation]:
     given = list(excitations)
     if len(given) != runs:
-        raise InputError("simulate", f"{len(given)} excitations for {runs} runs", "one for all, or one for each run")
+        raise InputError(
+            "simulate", f"{len(given)} excitations for {runs} runs", "one excitation for all runs, or one for each run"
+        )
     if len({(len(e), e.dt) for e in given}) > 1:
         raise InputError(
             "simulate",

@@ -36,8 +36,8 @@ class DriftingModel(TraceableModel):
 
     θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) a priori
 
-    At a knot, θ is clipped to the support of its prior; θ(t) is constant during a sample. Derived parameters, and quantities
-    computed from the parameters (such as damping from the initial stiffness), drift with them.
+    At a knot, θ is clipped to the support of its prior; θ(t) is constant between samples. Derived parameters, and
+    quantities computed from the parameters (such as damping from the initial stiffness), drift with them.
     """
 
     def __init__(self, model: Model, space: ParameterSpace, knots: int, every: float) -> None:
@@ -59,7 +59,7 @@ class DriftingModel(TraceableModel):
 
     @property
     def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
-        """Loop channels of the wrapped model."""
+        """Channels of the hysteresis loops of the wrapped model; see `Model.loop_channels`."""
         return self.model.loop_channels
 
     @property
@@ -107,7 +107,7 @@ class DriftingModel(TraceableModel):
 
 
 def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
-    """Return the weights of the knots, (row, knot), for rows that advance by `step` knots; the first knot is at row `before`."""
+    """Return the weights (row, knot) of the knots; rows are `step` knots apart, and row `before` is at knot 1."""
     return hats((np.arange(rows) - before) * step, knots)
 
 

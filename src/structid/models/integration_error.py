@@ -1,4 +1,4 @@
-"""Integration error of a built-in model, from a comparison with shorter steps, and a sufficient number of steps."""
+"""Integration error of a built-in model, from a comparison with shorter steps, and the number of steps it needs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from structid.histories import Histories
 from structid.models.traceable import TraceableModel
 
 LIMIT = 0.01
-"""Error relative to a channel's peak above which shorter steps are recommended; measurement noise has this magnitude."""
+"""Error above which shorter steps are recommended, relative to a channel's peak; measurement noise is of this order."""
 
 REFERENCE = 8
-"""Factor by which the reference run has more steps."""
+"""Number of steps of the reference run, divided by the number of steps of the model."""
 
 TRIED = (2, 4)
-"""Factors on the number of steps that are tried in turn if the model's steps are too long."""
+"""Factors by which the number of steps is multiplied, in turn, if the model's steps are too long."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class IntegrationError:
 
 
 def _finer(model: Any, times: int) -> TraceableModel:
-    """Return the same model with a multiple of its steps."""
+    """Return the same model with `times` as many integration steps."""
     finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
     return finer
 

@@ -1,4 +1,4 @@
-"""Description of a kind of model, through which a study file can name the model."""
+"""Description of a kind of model that a study file can name."""
 
 from __future__ import annotations
 

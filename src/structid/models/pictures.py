@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A film, which is drawn only when it is written, because drawing takes long."""
+    """A film. Its frames are drawn only when the file is written, because drawing takes long."""
 
     write: Callable[[Path], object]  # function that writes a GIF file of this name
 

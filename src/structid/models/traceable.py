@@ -26,7 +26,7 @@ from structid.mechanics.restoring_forces import RestoringForce
 from structid.models.base import Map, Model
 
 KEPT_EXCITATIONS = 8
-"""Number of prepared excitations that a model keeps, equal to the number of compiled functions that `InLanes` keeps."""
+"""Number of prepared excitations that a model keeps; `InLanes` keeps as many compiled functions."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,8 @@ class TracedExcitation:
     """An excitation inside JAX, with static properties and traced values.
 
     Kind, time step and length are static: each combination needs its own compilation. The values are an argument of the compiled
-    function. A model receives this object instead of an `Excitation`, so that it cannot keep the values of the first record.
+    function. A model receives this object instead of an `Excitation`, so that the compiled function cannot
+    contain the values of the first record.
     """
 
     kind: str  # `Excitation.kind`
@@ -68,7 +69,7 @@ class TracedExcitation:
 
 
 def _continued(stages: np.ndarray) -> np.ndarray:
-    """Append one row of stages, extrapolated with the last slope."""
+    """Append the excitation values of one more sample, extrapolated with the last slope of the record."""
     middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
     on = end + np.multiply.outer(np.arange(3.0), end - middle)
     return np.concatenate([stages, np.broadcast_to(on, (1, *stages.shape[1:]))])
@@ -82,14 +83,14 @@ jax.tree_util.register_dataclass(
 
 
 class Shortcut(ABC):
-    """A direct computation of the likelihood of measurements from parameters, without the response.
+    """A direct computation of the likelihood from the parameters, which does not compute the response.
 
-    A shortcut is a JAX tree, whose arrays are arguments of the compiled density.
+    A shortcut is a JAX tree, so its arrays can be arguments of the compiled density.
     """
 
     @abstractmethod
     def for_runs(self, measurement: Int[Array, " run"]) -> Self:
-        """Assign a separate measurement to each run."""
+        """Return a shortcut that compares each run with its own measurement, given by index."""
 
     @abstractmethod
     def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
@@ -99,14 +100,14 @@ class Shortcut(ABC):
     def marginal_log_likelihood(
         self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
     ) -> tuple[Any, Any] | None:
-        """Return the log density of the measurement for independent errors, marginalised over the model's error, inside JAX."""
+        """Return the log density of the measurement for iid errors, marginalised over the surrogate error, inside JAX."""
 
 
 class TraceableModel(Model):
     """A model whose response is a pure JAX function of many runs.
 
-    Inside JAX, histories have the axes [time, channel, run], which suit the scan over time and vector units. `simulate` returns
-    them as [run, time, channel].
+    Inside JAX, histories have the axes [time, channel, run], which suits the scan over time and SIMD vectors.
+    `simulate` returns them as [run, time, channel].
 
     Attributes
     ----------
@@ -165,7 +166,7 @@ class TraceableModel(Model):
         Returns
         -------
         TimeLoop or None
-            None for a model that computes its response differently, in `response`.
+            None for a model that implements `response` without a loop over time.
         """
         return None
 
@@ -180,7 +181,7 @@ class TraceableModel(Model):
         Returns
         -------
         RestoringForce or None
-            Force for all runs; None for a model without imposed displacements.
+            Force for all runs; None for a model that does not allow imposed displacements.
         """
         return None
 
@@ -241,7 +242,7 @@ class TraceableModel(Model):
 
     @cached_property
     def _traced_excitations(self) -> dict[str, TracedExcitation]:
-        """Prepared excitations by content hash, so that their compiled responses can be reused."""
+        """Prepared excitations by content hash; reusing them also reuses the compiled responses."""
         return {}
 
     def shortcut(
@@ -261,7 +262,7 @@ class TraceableModel(Model):
         Returns
         -------
         Shortcut or None
-            None for a model that needs the response.
+            The shortcut; None if the likelihood requires the response.
         """
         return None
 
@@ -285,7 +286,7 @@ class TraceableModel(Model):
         return _with_status(values, finite, excitation, self.channel_units, too_long, self.hint_where_not_finite)
 
     def _too_long(self, excitation: Excitation) -> str:
-        """Explain why a run with finite values is invalid."""
+        """Return the reason why a run with finite values is invalid: its integration steps are too long."""
         steps = self.steps_in_sample(excitation)
         return (
             f"the integration step, {excitation.dt / steps:.3g} s ({steps} per sample), is too long for the stiffness or the "
@@ -318,7 +319,7 @@ def _with_status(
     too_long: Callable[[], str],
     hint: str,
 ) -> Histories:
-    """Mark invalid runs, which have a non-finite state or steps too long for the law."""
+    """Mark invalid runs: runs with a non-finite state, or with integration steps that are too long."""
     time, reasons = np.full(len(values), np.nan), [""] * len(values)
     for run in np.flatnonzero(~usable):
         good = np.isfinite(values[run]).all(axis=1)

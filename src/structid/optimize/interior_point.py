@@ -1,4 +1,4 @@
-"""Primal-dual interior point with Gauss-Newton curvature (Nocedal & Wright 2006, Numerical Optimization, chapter 19)."""
+"""Primal-dual interior-point method, Gauss-Newton curvature (Nocedal & Wright 2006, Numerical Optimization, ch. 19)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STEP_LENGTHS = 0.5 ** np.arange(12)
 SMALLEST_BARRIER = 1e-30
 """Final barrier parameter; nearly zero, because a minimum on a face is reached only as the barrier vanishes."""
 SMALLEST_SLACK = 1e-16
-"""Lower limit of a slack: rounding of a coordinate allows no smaller distance to a face."""
+"""Lower limit of a slack: rounding of the coordinates makes a smaller distance to a face meaningless."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ def interior_point(
     iterations: int = 200,
     progress: Any = None,
 ) -> OptimizeResult:
-    """Minimise with exact gradients, inside the region by a vanishing barrier.
+    """Minimise with exact gradients by an interior-point method, whose barrier vanishes in the limit.
 
     ::
 

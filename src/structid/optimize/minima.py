@@ -156,4 +156,4 @@ def collect(
 
 
 class Searches(dict[str, OptimizeResult]):
-    """Deterministic calibrations of one posterior, by the name of their method."""
+    """Results of deterministic calibrations of one posterior, by the name of the method."""

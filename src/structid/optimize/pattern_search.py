@@ -14,7 +14,7 @@ from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
 EXPANSION, CONTRACTION = 2.0, 0.5
-"""Factors on the step after a success and after a failure."""
+"""Factors on the step length after a successful and after a failed poll."""
 CURVATURE_EVERY = 8
 """Number of iterations between updates of the curvature that whitens the poll directions."""
 
@@ -68,7 +68,7 @@ def pattern_search(
     seed : int
         Seed of the starting points.
     whiten : bool, optional
-        Whiten by the curvature, which needs an objective with derivatives. The default is to do so if there are derivatives.
+        Whiten by the curvature, which needs an objective with derivatives. The default is True for such an objective.
         False polls along the coordinates.
     tolerance : float
         Step, as a fraction of the range between bounds, at which a search ends.
@@ -122,7 +122,7 @@ def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
 
 
 def _update_whitening(objective: Objective, where: Region, searches: list[_Search]) -> int:
-    """Set the whitening of every search to H^(−1/2) at its point; returns the number of model runs."""
+    """Set the whitening of every search to H^(−1/2) at its point; return the number of model runs."""
     _, _, hessian = objective.linearised(where.to_theta(np.array([s.x for s in searches])))
     for search, curvature in zip(searches, hessian, strict=True):
         scaled = where.width[:, None] * curvature * where.width[None, :]

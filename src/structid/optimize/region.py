@@ -26,11 +26,11 @@ class Objective(Protocol):
     differentiable: bool
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
-        """Values (run,) at ``theta[run, parameter]``."""
+        """Return the values (run,) at ``theta[run, parameter]``."""
         ...
 
     def linearised(self, theta: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values, gradients and positive semi-definite curvatures."""
+        """Return the values, gradients and positive semi-definite curvatures."""
         ...
 
 
@@ -133,7 +133,7 @@ def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
 
 
 def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> Float[np.ndarray, "start parameter"]:
-    """Scaled starting points: drawn, or given and checked."""
+    """Return the starting points in scaled coordinates; given points are checked, others are drawn."""
     if isinstance(starts, (int, np.integer)):
         return where.interior_starts(int(starts), seed)
     x = where.to_scaled(np.atleast_2d(starts))

@@ -1,4 +1,4 @@
-"""Smooth maps between ℝᵈ and bounded parameter ranges, coordinate by coordinate, for samplers without bounds."""
+"""Smooth maps between ℝᵈ and bounded parameter ranges, coordinate by coordinate, for unconstrained samplers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from structid.core.arrays import Array
 
 
 class Scatter(NamedTuple):
-    """Standardised values b_k scattered about another parameter: the model depends on x_k = μ + d b_k.
+    """Parameters b_k that are standardised deviations from a mean: the model depends on x_k = μ + d b_k.
 
-    Data determine b_k only through x_k, so that a sampler would have to follow a curved ridge. The coordinates therefore
-    describe x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
+    Data determine b_k only through x_k, so a sampler of b_k would have to follow a curved ridge. The coordinates
+    therefore describe x_k (the centred form of a hierarchical prior; Papaspiliopoulos et al. 2007,
+    doi 10.1214/088342307000000014).
     """
 
     mean: int  # index of μ among the parameters
@@ -105,7 +106,7 @@ class Bijection:
         return theta, jacobian
 
     def inverse(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
-        """Map the inside of the parameter ranges to ℝᵈ, on the host."""
+        """Map points inside the parameter ranges to ℝᵈ, on the host."""
         between, above, below = self._kinds
         low, high = self._walls.T
         theta = np.asarray(theta, dtype=np.float64)
@@ -121,7 +122,7 @@ class Bijection:
 
 
 def _coordinate(x: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Map ℝ to the range of one coordinate, inside JAX; with the logarithm of the slope."""
+    """Map ℝ to the range of one coordinate, inside JAX; return the value and the logarithm of the slope."""
     import jax
 
     from structid.engine.device import jnp

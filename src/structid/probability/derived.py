@@ -1,4 +1,4 @@
-"""Derived parameters: functions of other parameters, given as functions or as text."""
+"""Derived parameters: functions of other parameters, given as functions or as strings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arithmetic given as text, such as ``"gamma_ratio * beta"``, as a function of named arrays; no other code is executed."""
+"""Functions of named arrays from arithmetic strings such as ``"gamma_ratio * beta"``; no other code is executed."""
 
 from __future__ import annotations
 

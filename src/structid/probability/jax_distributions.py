@@ -1,4 +1,4 @@
-"""Log densities and cumulative distributions of the prior families inside JAX, for the untruncated value y."""
+"""Log densities and cumulative distributions of the prior families inside JAX, before truncation."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ __all__ = ["Beta", "Frozen", "Gamma", "Gumbel", "LogNormal", "Marginal", "Normal
 
 
 def _one_way(family: str, ways: dict[str, dict[str, float | None]]) -> str:
-    """Name the given set of parameters; exactly one complete set is allowed."""
+    """Return the name of the set of parameters that is given; refuse any input other than one complete set."""
     given = [name for name, values in ways.items() if any(v is not None for v in values.values())]
     complete = [name for name in given if all(v is not None for v in ways[name].values())]
     if len(given) != 1 or len(complete) != 1:
@@ -376,7 +376,7 @@ def Frozen(distribution: Any, low: float | None = None, high: float | None = Non
             "Frozen(distribution)",
             f"{distribution!r}, which is one of SciPy's new distributions",
             "a frozen distribution of scipy.stats such as scipy.stats.norm(1.0, 2.0)",
-            "Use the equivalent frozen distribution, since new distributions have no parameters that can be stored and compared.",
+            "Use the equivalent frozen distribution: the parameters of a new distribution cannot be stored and compared.",
         )
     if not all(hasattr(distribution, name) for name in ("logpdf", "cdf", "ppf", "sf", "isf", "support")):
         raise InputError("Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats")

@@ -1,4 +1,4 @@
-"""Ranks of many numbers with ties, which unmoved particles cause."""
+"""Ranks of many numbers with ties, such as those of particles that have not moved."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 def ranks(values: np.ndarray) -> np.ndarray:
     """Rank numbers from 1 on; ties get their mean rank.
 
-    The result equals `scipy.stats.rankdata` in less than half of its time, since an unstable sort takes a sixth of the time.
+    The result equals that of `scipy.stats.rankdata`, in less than half the time, since the sort need not be stable.
     """
     flat = np.ravel(values)
     order = np.argsort(flat)

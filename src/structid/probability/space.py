@@ -29,8 +29,8 @@ class ParameterSpace(ShownAsText):
     Parameters
     ----------
     priors : mapping of str to Marginal, optional
-        One distribution for each parameter. A name that is no Python name, or that equals an argument below, needs this form:
-        ``ParameterSpace({"derived": Normal(…)})``.
+        One distribution for each parameter. A name that is invalid in Python or equals an argument below needs this
+        form: ``ParameterSpace({"derived": Normal(…)})``.
     correlation : mapping of pair of str to float, or ndarray (parameter, parameter), optional
         Correlation of the Gaussian copula: ``{("stiffness", "alpha"): 0.4}`` or the whole matrix.
     derived : mapping of str to callable or str, optional
@@ -68,7 +68,7 @@ class ParameterSpace(ShownAsText):
             if isinstance(argument, Marginal):
                 raise InputError(
                     f"ParameterSpace({name})",
-                    "a prior under the name of an argument",
+                    "a prior, but this name is an argument of ParameterSpace",
                     "a value of this argument",
                     f"Give a parameter of this name in a dictionary: ParameterSpace({{'{name}': …}}).",
                 )
@@ -114,7 +114,7 @@ class ParameterSpace(ShownAsText):
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """SI value of one declared unit of each parameter, shape (parameter,)."""
+        """Factor that converts each parameter from its declared unit to SI, shape (parameter,)."""
         return np.array([factor(m.unit) for m in self.marginals.values()])
 
     @cached_property
@@ -139,7 +139,7 @@ class ParameterSpace(ShownAsText):
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation, *more)
 
     def to_plain(self) -> dict[str, Any]:
-        """Describe the space for `from_plain`, ready for JSON; a derived parameter that is a function is only named.
+        """Describe the space for `from_plain`, ready for JSON; derived functions are included by name only.
 
         Returns
         -------
@@ -203,7 +203,7 @@ class ParameterSpace(ShownAsText):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates in which surrogates are fitted; empty where these are the parameters."""
+        """Names of the coordinates in which surrogates are fitted; empty if these are the parameters themselves."""
         return tuple(self._coordinates)
 
     # --- values -------------------------------------------------------------------------------------------------
@@ -288,8 +288,8 @@ class ParameterSpace(ShownAsText):
         method : {"latin_hypercube", "maximin", "sobol", "random"}
             How to place the points.
         widen : float
-            Factor on the normal scores. A design for fitting a surrogate should reach further into the tails than the points
-            at which the surrogate is evaluated later (1.3 to 1.6). Bounds still hold.
+            Factor on the normal scores. Use 1.3 to 1.6 for the training of a surrogate, whose design should reach
+            further into the tails than the points of later evaluations. Bounds still hold.
 
         Returns
         -------
@@ -420,10 +420,10 @@ class ParameterSpace(ShownAsText):
 
     @cached_property
     def bijection(self) -> Bijection:
-        """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation.
+        """Smooth map between ℝᵈ and the support; the prior interquartile range/1.349 scales unbounded parameters.
 
-        In a space with coordinates, bounded positive parameters are mapped by their logarithms instead of to their bounds. Such
-        coordinates are ratios and products, along which posteriors are narrow ridges.
+        In a space with coordinates, bounded positive parameters are mapped by an exponential that ignores their bounds.
+        Such coordinates are ratios and products, along which posteriors are narrow ridges.
         """
         quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)
         positive = np.isfinite(self.bounds).all(axis=1) & (self.bounds[:, 0] > 0.0)
@@ -448,15 +448,15 @@ def _is_correlation(priors: object) -> bool:
 
 
 def _by_name(priors: object, marginals: dict[str, Marginal]) -> dict[str, Marginal]:
-    """The priors of a dictionary and of keywords together."""
+    """Combine the priors of a dictionary with those of keyword arguments."""
     if priors is None:
         return marginals
     if not isinstance(priors, Mapping) or not all(isinstance(name, str) for name in priors):
         raise InputError(
             "ParameterSpace",
-            "a first argument that is no dictionary of priors",
+            "a first argument that is not a dictionary of priors",
             "priors by name: ParameterSpace(stiffness=Normal(…), …) or ParameterSpace({'stiffness': Normal(…), …})",
-            "Give a correlation by its keyword: correlation=….",
+            "Give a correlation as a keyword argument: correlation=….",
         )
     if repeated := sorted(set(priors) & set(marginals)):
         raise InputError("ParameterSpace", f"the name '{repeated[0]}' twice", "unique names", "Rename one of them.")

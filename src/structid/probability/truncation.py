@@ -21,7 +21,7 @@ from structid.core.units import factor
 from structid.probability.quadrature import probability_nodes
 
 SMALLEST_MASS = 1e-6
-"""Smallest probability that a truncation may keep; less is rejected as a mistake."""
+"""Smallest probability that a truncation may keep; a smaller probability is rejected as a mistake."""
 
 
 def out_of_order(low: float, high: float) -> str:

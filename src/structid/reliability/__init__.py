@@ -1,1 +1,1 @@
-"""First passages of a limit over a prior and over a posterior, fragility, sensitivity."""
+"""First passages of a limit, fragility and sensitivity, over a prior or a posterior."""

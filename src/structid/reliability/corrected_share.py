@@ -1,4 +1,4 @@
-"""A fraction that a surrogate estimates, corrected by the surrogate's errors in some model runs."""
+"""A fraction of draws estimated with a surrogate and corrected by its errors at some model runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 def corrected_share(
     found: Float[np.ndarray, " draw"], checked: Float[np.ndarray, " check"], true: Float[np.ndarray, " check"]
 ) -> tuple[float, float]:
-    """Correct the surrogate's fraction by its mean difference from some model runs.
+    """Correct a fraction estimated with a surrogate by its mean error at some model runs.
 
     ::
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RESAMPLES = 200
-"""Number of resamples of the records and draws for the error of the fitted curve."""
+"""Number of resamples of the records and draws for the standard errors of the fitted curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Fragility(ShownAsText):
         return np.asarray(np.maximum(self.of_each.std(axis=0, ddof=1) / np.sqrt(count), within))
 
     def band(self, probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
-        """Central interval, over the draws, of the fraction of records that pass: the uncertainty that the data leave.
+        """Central interval, over the draws, of the fraction of records with a passage: the posterior uncertainty.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ def fragility(
     Returns
     -------
     Fragility
-        Probabilities with their standard errors, and the uncertainty band that the data leave.
+        Probabilities with their standard errors, and the band of posterior uncertainty.
 
     Raises
     ------
@@ -295,7 +295,7 @@ def fragility(
 
 
 Found = tuple[np.ndarray, float, float]
-"""Passages, their fraction and the error of the fraction, for one record at one level."""
+"""Passages, their fraction and its standard error, for one record at one level."""
 
 
 def _entry(found: Found) -> dict[str, np.ndarray]:
@@ -309,7 +309,7 @@ def _read(entry: Mapping[str, np.ndarray]) -> Found:
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """The computation for every record at every level."""
+    """The computation that is repeated for every record at every level."""
 
     posterior: Posterior
     draws: np.ndarray
@@ -327,7 +327,7 @@ class _Pair:
         return len(self.draws) if self.surrogate is None else self.training + self.checks
 
     def identity(self, motions: list[list[GroundMotion]]) -> dict[str, Any]:
-        """All inputs on which the result depends."""
+        """Return all inputs on which the result depends."""
         settings = None if self.surrogate is None else [repr(self.surrogate), self.training, self.checks]
         return {
             "posterior": self.posterior.content_hash,
@@ -342,7 +342,7 @@ class _Pair:
 
     @cached_property
     def checking(self) -> Predictor:
-        """Predictor of the check draws, with the same errors for surrogate and model: only their responses differ."""
+        """Predictor of the check draws; it adds the same random errors to the responses of surrogate and model."""
         some = self.draws[self.training : self.training + self.checks]
         return Predictor(self.posterior, some, self.seed, self.drift, scaled=False)
 
@@ -365,7 +365,7 @@ class _Pair:
         return passed, *corrected_share(passed, passed[:0], passed[:0])
 
     def passed(self, predictor: Predictor, motion: GroundMotion, stand_in: Model | None = None) -> np.ndarray:
-        """1 for a draw that passes, 0 for a draw that does not, NaN for a failed run; shape (draw,)."""
+        """Return 1 for a draw with a passage, 0 for a draw without, NaN for a failed run; shape (draw,)."""
         prediction = predictor.on(motion, (self.channel,), stand_in=stand_in)
         status: Any = prediction.status
         passed = np.where(status == Status.STRUCTURE_FAILED, 1.0, np.nan)

@@ -1,4 +1,4 @@
-"""Study of a prior range by a design of runs: first passages of limits, their probability, sensitivity of the peaks."""
+"""Study of a prior range by a design of runs: first passages of limits, their probabilities, sensitivity of peaks."""
 
 from __future__ import annotations
 

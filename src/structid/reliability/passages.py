@@ -16,7 +16,7 @@ from structid.probability.designs import Design
 from structid.reliability.first_passage import first_passage
 
 PAIRS = 2000
-"""Largest number of runs for the comparison of all pairs."""
+"""Largest number of runs of which all pairs are compared."""
 
 
 @check_arguments
@@ -69,7 +69,7 @@ class Passages(ShownAsText):
 
     @property
     def share(self) -> tuple[float, float]:
-        """Fraction of the runs that passed the limit, and its Monte-Carlo error √(p (1 − p) / n)."""
+        """Fraction of the started runs that passed the limit, and its Monte Carlo standard error √(p (1 − p) / n)."""
         begun = self.passed | (self.followed > 0.0)
         p = float(self.passed[begun].mean())
         return p, float(np.sqrt(p * (1.0 - p) / begun.sum()))

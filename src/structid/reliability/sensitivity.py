@@ -25,7 +25,7 @@ from structid.surrogates.regression import Regression
 POINTS = 4096
 """Size of each of the two samples whose columns are exchanged; a power of 2."""
 RESAMPLES = 199
-"""Number of resamples for the errors of the indices. SciPy's bootstrap also computes a jackknife over all points, which takes
+"""Number of resamples for the intervals of the indices. SciPy's bootstrap also computes a jackknife over all points, which takes
 twenty times as long."""
 BINS = 64
 """Number of bins of equal probability, along one coordinate, for the conditional mean."""

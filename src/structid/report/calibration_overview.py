@@ -13,7 +13,7 @@ from structid.surrogates.base import Surrogate
 
 
 def posterior_table(material: PosteriorMaterial) -> Rows:
-    """Mean, sd, 5 and 95 % quantiles, MAP and truth of every parameter, as in the tables of the thesis."""
+    """Mean, sd, 5 and 95 % quantiles, MAP and truth of every parameter."""
     summary = material.summary
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust, spread = "robust_sd" in summary.columns, material.result.robust

@@ -24,7 +24,7 @@ from structid.report.page import write_posterior_report
 from structid.surrogates.base import Surrogate
 
 DRAWS = 400
-"""Number of draws for the bands."""
+"""Number of posterior draws for the prediction bands."""
 
 
 @renamed_argument(law_choice="error_model_choice")

@@ -18,7 +18,7 @@ from structid.report.page import PAGE, template
 
 LOOPBACK = "127.0.0.1"
 NICENESS = 10
-"""Nice value of this process: the test has priority."""
+"""Nice value of the page's process, so that the test has priority."""
 
 
 class LiveFolder:

@@ -64,7 +64,7 @@ def write_posterior_report(
 
 
 def _doubt(verdict: Verdict) -> str:
-    """Warning for the affected tables and figures; empty if there is no doubt."""
+    """Warning for the affected tables and figures; empty if the verdict raises no doubt."""
     return verdict.doubt if verdict.converged else "The sampler has not converged: do not use these results"
 
 
@@ -111,7 +111,7 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
         "certificate.html",
         folder,
         title=material.title,
-        sentence=f"Draws of {material.source}, checked by model runs.",
+        sentence=f"Draws from {material.source}, checked by model runs.",
         certificate=material.certificate,
         sections=_shown(draw(section_list.OF_A_CERTIFICATE, material, folder / "figures"), material),
         settings=material.settings,

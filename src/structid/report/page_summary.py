@@ -52,7 +52,7 @@ class PageSummary(ShownAsText):
 
     @property
     def truths(self) -> tuple[int, int] | None:
-        """Number of true values inside the intervals to use, and number of known true values; None if none is known."""
+        """Number of true values inside the recommended intervals, and number of known true values; None if none is known."""
         held = [p.holds_truth for p in self.parameters if p.holds_truth is not None]
         return (sum(held), len(held)) if held else None
 
@@ -101,7 +101,7 @@ def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], li
     best = material.best
     if unfinished:
         return believed, [
-            f"Finish {_listed(unfinished)} first: structid run … --resume. Until then the order may change."
+            f"Finish {_listed(unfinished)} first: structid run … --resume. Until then, the ranking may change."
         ]
     verdict = best.material.result.verdict()
     if verdict.wrong_model:
@@ -116,10 +116,10 @@ def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], li
 
 
 def _of_a_class(one: ComparedClass) -> Believed:
-    """Assess a model class and its numbers."""
+    """Rate a model class by the worst rating of its sampling, surrogate and model."""
     answers = _answers(one.material)
     worst = max(answers, key=lambda answer: ORDER.index(answer.trust))
-    warning = "" if one.figures.trusted else "its numbers are not to be trusted; "
+    warning = "" if one.figures.trusted else "do not trust its numbers; "
     return Believed(one.name, worst.trust, warning + answers[-1].said)
 
 
@@ -138,7 +138,9 @@ def _sampling(material: PosteriorMaterial) -> Believed:
 def _surrogate(material: PosteriorMaterial) -> list[Believed]:
     """Assess the surrogate by its certificate or its validation; empty if the model itself was sampled."""
     if material.result.cost is not None:
-        return [Believed("Surrogate", "good", "used only for proposals; the model itself decided every step")]
+        return [
+            Believed("Surrogate", "good", "used only for proposals; the model itself accepted or rejected each step")
+        ]
     if material.calibration is None:
         validated = Surrogate in material.results
         return [Believed("Surrogate", "doubtful", "validated, but not certified")] if validated else []
@@ -244,7 +246,7 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
 
 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
-    """Parameters with a posterior about as wide as the prior and inside its 90 % interval."""
+    """Parameters with a posterior about as wide as the prior, and a mean inside the prior's 90 % interval."""
     return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
 
 

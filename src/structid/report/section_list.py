@@ -1,4 +1,4 @@
-"""The sections of the reports, in order. A new section is a file with a `Section`, and a line here."""
+"""The sections of the reports, in order. To add a section, add a file with a `Section`, and a line here."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Studies: a TOML file that describes a whole calibration, with units."""
+"""Studies: each study is a TOML file that describes a whole calibration, with units."""

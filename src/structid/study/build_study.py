@@ -93,7 +93,7 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
 
 
 def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
-    """Lines through a measured loop; None if there is no readable loop."""
+    """Lines fitted to a measured loop; None if no loop can be read."""
     try:
         return build_loop(file.loop, folder)
     except InputError:
@@ -101,7 +101,7 @@ def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
 
 
 def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
-    """The parameter space; if the priors are wrong, a replacement with the same parameter names."""
+    """The parameter space; if the priors are invalid, a substitute with the same parameter names."""
     try:
         return parameter_space(file, loop)
     except InputError:

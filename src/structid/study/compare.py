@@ -80,7 +80,7 @@ def _check_same_measurement(paths: Sequence[Path]) -> None:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Names of the studies without underscores; names of their folders if the study names are equal."""
+    """Names of the studies, or of their folders if two studies have the same name, with spaces for underscores."""
     names = [str(json.loads((p / IDENTITY).read_text())["name"]) for p in paths]
     return [name.replace("_", " ") for name in (names if len(set(names)) == len(names) else [p.name for p in paths])]
 

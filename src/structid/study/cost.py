@@ -26,7 +26,7 @@ LONG = 0.3
 SLOW = 20.0
 """Duration of a batch [s] above which the batch is timed only once."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
-"""Number of runs per start of a search, and number of linearisations at all starts together, in the benchmark studies."""
+"""Runs per starting point, and linearisations of all starting points together, of each search in the benchmark studies."""
 OVERHEAD = 0.4e-6
 """Overhead of a sampler per move and parameter [s]."""
 SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the error model": 4.0, "sampling": 15.0}

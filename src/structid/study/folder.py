@@ -27,12 +27,12 @@ def _has_runs(folder: Path) -> bool:
 
 
 def has_draws(folder: Path) -> bool:
-    """Whether the folder contains draws, of a sampling or of a calibration."""
+    """Whether the folder contains draws from a sampler or from a certified calibration."""
     return (folder / CHAINS).is_file() or (folder / CALIBRATION_FOLDER / CALIBRATION_FINISHED).is_file()
 
 
 def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
-    """Read the study in a folder; its file names point to the copies."""
+    """Read the study in a folder; its file names refer to the copies of the input files."""
     identity = folder / IDENTITY
     if not identity.is_file() or not (has_draws(folder) or _has_runs(folder)):
         raise InputError(
@@ -77,7 +77,10 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
             )
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(
-            f"--out {folder}", "it is not empty and has no study", "an empty or new folder", "Choose another folder."
+            f"--out {folder}",
+            "it is not empty and contains no study",
+            "an empty or new folder",
+            "Choose another folder.",
         )
     folder.mkdir(parents=True, exist_ok=True)
     if path.resolve() != (folder / STUDY).resolve():
@@ -116,7 +119,7 @@ def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
 
 
 def _file_names(content: Any) -> Iterator[str]:
-    """All values of a key ``file``, at any depth."""
+    """All values of the key ``file``, at any depth."""
     if isinstance(content, dict):
         for key, value in content.items():
             if key == "file" and isinstance(value, str):
@@ -129,7 +132,7 @@ def _file_names(content: Any) -> Iterator[str]:
 
 
 def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
-    """Read the stored study; its file names point to the copies."""
+    """Read the stored study; its file names refer to the copies of the input files."""
 
     def renamed(content: Any) -> Any:
         if isinstance(content, dict):

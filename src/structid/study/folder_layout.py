@@ -21,7 +21,7 @@ POSTERIOR = "posterior.nc"
 """Draws and predictions in the ArviZ schema."""
 
 CHAINS = "chains.h5"
-"""Draws of a sampling without a certified calibration."""
+"""Draws from a sampler, without a certified calibration."""
 
 SURROGATE = "surrogate.h5"
 """The fitted surrogate."""

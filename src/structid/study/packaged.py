@@ -14,10 +14,10 @@ TEMPLATES = (*STUDIES, *PROGRAMMES)
 """Names of all example studies."""
 
 SOLVERS = {"external": "external_solver.py"}
-"""Additional file of an example study."""
+"""Solver files of example studies, by study name."""
 
 
 def template(name: str) -> str:
-    """Text of an example study, or of its solver."""
+    """Content of an example study file, or of its solver file."""
     file = f"{name}.toml" if name in TEMPLATES else name
     return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")

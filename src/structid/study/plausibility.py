@@ -32,7 +32,7 @@ FREQUENCIES = (0.03, 300.0)
 """Plausible range of the lowest natural frequency [Hz]: from a suspension bridge to a small, stiff specimen."""
 
 BETWEEN = 0.25
-"""Prior quantile of every parameter in the run between two runs at the prior medians."""
+"""Prior quantile of all parameters for the run that separates two runs at the prior medians."""
 
 SAME = 1e-6
 """Largest difference between two runs at the same point, relative to the peak, that rounding can cause."""
@@ -119,7 +119,7 @@ def _point(study: BuiltStudy, probability: float) -> Design:
 
 
 def _of_the_records(study: BuiltStudy) -> list[str]:
-    """Questions about faults in the records."""
+    """Check the records for faults, and return a question about each suspected fault."""
     measured = [o.record for o in study.posterior.observations] if study.posterior is not None else []
     records = {
         id(r): r for r in (*measured, *study.campaign_records, *study.other_records) if isinstance(r, GroundMotion)
@@ -137,14 +137,14 @@ def _of_the_records(study: BuiltStudy) -> list[str]:
 
 
 def _of_the_frequency(study: BuiltStudy, theta: np.ndarray) -> list[str]:
-    """Question about an implausible natural frequency: a forgotten unit makes a stiffness a million times too small."""
+    """Question an implausible natural frequency: a forgotten unit makes a stiffness a million times too small."""
     frequency = study.model.natural_frequency(theta)
     assert study.posterior is not None
     shaken = any(not isinstance(o.record, DisplacementHistory) for o in study.posterior.observations)
     if frequency is None or not shaken or FREQUENCIES[0] <= float(frequency[0]) <= FREQUENCIES[1]:
         return []
     return [
-        f"At the prior medians, the lowest natural frequency is {float(frequency[0]):.2g} Hz, outside the range of structures. "
+        f"At the prior medians, the lowest natural frequency is {float(frequency[0]):.2g} Hz, outside the usual range. "
         "Are the units of mass and stiffness right? A number without a unit is in SI."
     ]
 
@@ -159,7 +159,7 @@ def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[Int
 
 
 def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
-    """Question about an external model whose result changes after another run; a certificate needs reproducible runs."""
+    """Question an external model whose result changes after another run; a certificate needs reproducible runs."""
     record = first[0].record
     study.model.simulate(study.model.parameters(_point(study, BETWEEN)), record)
     again = study.model.simulate(study.model.parameters(_point(study, 0.5)), record)

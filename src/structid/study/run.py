@@ -40,7 +40,7 @@ class StudyOutcome:
 
     @property
     def result(self) -> SamplingResult | None:
-        """Draws and verdict; None for a study without an observation."""
+        """Posterior draws and their verdict; None for a study without an observation."""
         return self.results.get(SamplingResult)
 
     @property
@@ -90,7 +90,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
 
 
 def _runs_again(file: StudyFile, workplace: Workplace) -> StudyOutcome:
-    """Write the page of stored runs and their surrogate, without the model."""
+    """Write the page of stored runs and their surrogate; the model is not needed."""
     runs, fitted = open_runs(workplace.folder / CAMPAIGN_RUNS), workplace.folder / SURROGATE
     surrogate = load_surrogate(fitted) if fitted.is_file() else None
     results = ByType({Runs: runs, Surrogate: surrogate})

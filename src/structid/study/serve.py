@@ -1,4 +1,4 @@
-"""Models of a study for a UM-Bridge server: its model has the name "forward", its log posterior density "posterior"."""
+"""Models that a UM-Bridge server offers for a study: "forward" is its model, "posterior" its log posterior density."""
 
 from __future__ import annotations
 

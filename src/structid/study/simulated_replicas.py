@@ -28,8 +28,8 @@ def check_by_simulation(
 ) -> tuple[Ranks, Path | None]:
     """Simulate measurements with the model and the error model of a study, and calibrate to each measurement.
 
-    A study with a [surrogate] but no [calibration] is tested with its surrogate, fitted to its campaign, on measurements that
-    the model itself simulates. The surrogate of a certified calibration is valid for one posterior only; for such a study, the
+    If a study has a [surrogate] but no [calibration], its surrogate is fitted to its campaign and then tested; the model itself
+    simulates the measurements. The surrogate of a certified calibration is valid for one posterior only; for such a study, the
     built-in model itself is sampled.
     """
     study = load(path)

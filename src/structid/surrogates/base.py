@@ -1,4 +1,4 @@
-"""The interface of every surrogate of response histories: a model fitted to runs, with an error and a range."""
+"""The interface of every surrogate of response histories: a fitted model with an error estimate and a range."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def kind_in_words(self) -> str:
-        """Kind of the surrogate, in a few words that follow "a"."""
+        """Kind of the surrogate, as a phrase to follow the article "a"."""
         return f"{self.fitted.kind} surrogate"
 
     @property
@@ -221,7 +221,10 @@ class Surrogate(TraceableModel, StandIn):
         allowed = self._range()
         if self.fitted.outside == "refuse":
             raise InputError(
-                f"{self.fitted.kind}.simulate", came, allowed, "Fit the surrogate to runs there, or set outside=…."
+                f"{self.fitted.kind}.simulate",
+                came,
+                allowed,
+                "Fit the surrogate to runs at such points, or set outside=….",
             )
         warnings.warn(
             f"{self.fitted.kind}: {came} ({allowed}). There the response is computed {self._beyond_in_words}.",
@@ -255,7 +258,7 @@ class Surrogate(TraceableModel, StandIn):
     def _beyond_in_words(self) -> str:
         if not self.fitted.reach:
             return "at the nearest point of the range"
-        return f"by extrapolation up to {self.fitted.reach:g} times the range, and beyond this at the nearest point of that limit"
+        return f"by extrapolation up to {self.fitted.reach:g} times the range's width, and beyond this limit at its nearest point"
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
         """Return a mask of the points for a posterior: all points, unless points outside the range are refused.
@@ -320,7 +323,7 @@ class Surrogate(TraceableModel, StandIn):
         Returns
         -------
         ndarray, shape (run, time, channel)
-            Responses in SI. By default an error keeps its sign over time, which is the worst case.
+            Responses in SI. By default, each drawn error has one sign over time, which is the worst case.
         """
         values = self.run(theta, excitation).values
         error = rng.standard_normal((len(theta), 1, values.shape[2]))
@@ -336,8 +339,8 @@ class Surrogate(TraceableModel, StandIn):
         progress : callable, optional
             Callback whose arguments are the number of compared runs and the total number.
         fitted : bool
-            Allow training runs, to determine the residuals of the fit. They give no information about other runs, so the result is
-            not stored.
+            Allow training runs, to determine the residuals of the fit. These residuals give no information about other
+            runs, so the result is not stored.
 
         Returns
         -------

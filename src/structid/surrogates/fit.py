@@ -51,7 +51,7 @@ class Fit:
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest parameter values for direct evaluation: the range of the design plus the extrapolation."""
+        """Smallest and largest parameter values of direct predictions: the design range plus the extrapolation."""
         margin, support = self.reach * (self.high - self.low), self.space.bounds
         return np.maximum(self.low - margin, support[:, 0]), np.minimum(self.high + margin, support[:, 1])
 
@@ -123,7 +123,7 @@ def run_digests(runs: Runs) -> tuple[str, ...]:
 
 
 def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
-    """Return the range of a design, widened by a hundredth but not beyond the support of the prior."""
+    """Return the range of a design, widened by 1 % on each side but not beyond the support of the prior."""
     low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
     margin = 0.01 * (high - low)
     support = design.space.bounds

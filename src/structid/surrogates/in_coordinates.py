@@ -87,6 +87,6 @@ def coordinate_design(design: Design) -> Design:
 
 
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
-    """Fit a regression in the coordinates of the space, if there are any."""
+    """Fit a regression in the coordinates of the space if it has any, otherwise in the parameters."""
     points = coordinate_design(design)
     return fit(design) if points is design else InCoordinates(design.space, fit(points))

@@ -1,4 +1,4 @@
-"""Names such as ``0/scores/weights`` of the arrays of nested parts in files."""
+"""Names of the arrays of nested parts in files, such as ``0/scores/weights``."""
 
 from __future__ import annotations
 

@@ -91,5 +91,5 @@ def _check_varying(where: str, outputs: np.ndarray) -> None:
             where,
             f"output {constant[0]} is {outputs[0, constant[0]]:g} in every run",
             "outputs that vary",
-            "Leave this output out, since a constant needs no fit.",
+            "Omit this output, since a constant needs no fit.",
         )

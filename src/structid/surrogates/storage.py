@@ -70,7 +70,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
             raise InputError(where, "an HDF5 file without a surrogate", "a file that Surrogate.save wrote")
         layout = int(file.attrs["schema"])
         if layout != SCHEMA:
-            cure = "Update structid." if layout > SCHEMA else "Read it with structid 0.1, or fit it again to its runs."
+            cure = "Update structid." if layout > SCHEMA else "Read it with structid 0.1, or fit the surrogate again."
             raise InputError(where, f"a surrogate of layout {layout}", f"layout {SCHEMA}", cure)
         contents = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
@@ -78,7 +78,10 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
         sum_of_content = digest(file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays)))
         if file.attrs.get("checksum", sum_of_content) != sum_of_content:
             raise InputError(
-                where, "the checksum is wrong", "an undamaged file of Surrogate.save", "Fit the surrogate again."
+                where,
+                "the checksum is wrong",
+                "an undamaged file that Surrogate.save wrote",
+                "Fit the surrogate again.",
             )
         validation = _read_validation(file["validation"]) if "validation" in file else None
     return StoredSurrogate(Fit.from_plain(contents), plain, arrays, validation)

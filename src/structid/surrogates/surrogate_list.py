@@ -26,7 +26,7 @@ DEFAULT: SurrogateKind = pod_kriging.KIND
 
 @check_arguments
 def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
-    """Read a surrogate from a file of `Surrogate.save`.
+    """Read a surrogate from a file that `Surrogate.save` wrote.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     Raises
     ------
     InputError
-        If the file contains no surrogate, or has another version.
+        If the file contains no surrogate, or has another layout.
 
     Examples
     --------

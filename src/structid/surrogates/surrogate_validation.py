@@ -29,15 +29,15 @@ BATCH = 250
 """Number of runs that are compared in one batch."""
 
 COVERED = 500
-"""Largest number of runs for the coverage, because the standard deviation may cost more than the prediction."""
+"""Approximate number of runs for the coverage, because the standard deviation may cost more than the prediction."""
 
 COVERAGE_FACTOR = 1.96
-"""Number of standard deviations that contain 95 % of a normal variable."""
+"""Half-width of the central 95 % interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Result of a comparison with independent runs."""
+    """Result of the comparison of a surrogate with independent runs."""
 
     channels: tuple[str, ...]
     # ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite if the surrogate diverged
@@ -123,7 +123,7 @@ class Validation:
         return "\n".join(lines)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the best, median and worst run, peaks, complete histories, and the distribution of the errors."""
+        """Draw the best, median and worst run, all peaks, thinned samples, and the distribution of the errors."""
         from structid.figures import surrogate as figures
 
         index = 0 if channel is None else self.channels.index(channel)
@@ -289,7 +289,7 @@ def _shown(overall: np.ndarray) -> tuple[int, int, int]:
 
 
 def _histories(surrogate: Validated, runs: Runs, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the histories (run, time, channel) of the model and the surrogate for the drawn runs, and the time step."""
+    """Return histories (run, time, channel) of the model and the surrogate for the plotted runs, and the time step."""
     singles: list[Any] = [runs[np.array([row])].on(int(runs.record_of_run[row])) for row in shown]
     samples = max(len(s.records[0]) for s in singles)
     true, predicted = (np.full((len(shown), samples, len(surrogate.channels)), np.nan) for _ in range(2))

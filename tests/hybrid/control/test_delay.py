@@ -79,5 +79,5 @@ def test_the_critical_lag():
 
 @pytest.mark.parametrize("wrong", [{"frequency": 0.0}, {"damping_ratio": -0.1}, {"share": 0.0}, {"share": 1.1}])
 def test_what_has_no_critical_delay_is_refused(wrong):
-    with pytest.raises(InputError, match="p above 0 and up to 1"):
+    with pytest.raises(InputError, match="0 < p ≤ 1"):
         critical_delay(**{"frequency": 1.0, "damping_ratio": 0.03, "share": 1.0} | wrong)

@@ -276,5 +276,5 @@ def test_what_cannot_be_coupled_is_refused(make, message):
 
 def test_a_record_that_is_shorter_than_a_step():
     joined = PrakashHjelmstad().joined(*cut_frame(two_floor_frame(), 1), 5.0)
-    with pytest.raises(InputError, match="a coarse step that fits"):
+    with pytest.raises(InputError, match="a coarse step no longer"):
         base_of(GroundMotion(np.zeros(11), 0.1), joined)

@@ -40,7 +40,7 @@ def test_our_server_passes_all_thirty():
 
 
 def test_a_specimen_without_limits_does_not_pass():
-    assert failed(checked()) == ["reads at its position, and refuses a move beyond its limits"]
+    assert failed(checked()) == ["returns a reading at zero, and refuses a move beyond its limits"]
 
 
 def broken(monkeypatch, what):

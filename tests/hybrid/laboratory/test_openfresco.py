@@ -115,7 +115,7 @@ def test_what_goes_over_the_wire():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"), [("silence", "silent"), ("closed", "closed by the server"), ("nan", "not finite")]
+    ("wrong", "said"), [("silence", "silent"), ("closed", "server closed the connection"), ("nan", "not finite")]
 )
 def test_what_goes_wrong_ends_the_test_and_keeps_its_steps(wrong, said):
     server = SiteServer(LOWER.force, wrong)

@@ -95,7 +95,7 @@ def test_bad_reductions_are_refused():
     loose[5], loose[:, 5] = 0.0, 0.0
     with pytest.raises(InputError, match="without force"):
         reduced_by_guyan(mass, damping, loose, kept=[0], interface=[0])
-    with pytest.raises(InputError, match="one size"):
+    with pytest.raises(InputError, match="the same size"):
         reduced_by_guyan(mass, damping[:3, :3], stiffness, kept=[0], interface=[0])
 
 

@@ -27,17 +27,17 @@ def outcomes(function, a, **settings):
 
 EXPECTED = {
     0: (Status.DONE, "", 400),
-    1: (Status.FAILED, "it returned 393 rows; expected 400 rows of velocity", 393),
+    1: (Status.FAILED, "the solver returned 393 rows; expected 400 rows of velocity", 393),
     2: (Status.DIVERGED, "not finite from 1 s on", 100),
     3: (Status.FAILED, "shape (400, 3); expected 400 rows of velocity", 0),
-    4: (Status.FAILED, "it returned nothing", 0),
+    4: (Status.FAILED, "the solver returned nothing", 0),
     5: (Status.FAILED, "exit code 3; it last said: matrix is singular", 0),
     6: (Status.TIMED_OUT, "no answer within 0.5 s; it last said: still iterating", 0),
     7: (Status.FAILED, "killed by signal 9 (SIGKILL)", 0),
     8: (Status.FAILED, "ArithmeticError: no convergence in step 12 (solvers.py, line", 0),
     9: (Status.FAILED, "gave up", 50),
-    10: (Status.FAILED, "there is no 'velocity' among the returned speed", 0),
-    11: (Status.FAILED, "it returned text such as 'what?'; expected 400 rows of velocity", 0),
+    10: (Status.FAILED, "the solver returned speed, but no 'velocity'", 0),
+    11: (Status.FAILED, "the solver returned strings such as 'what?'; expected 400 rows of velocity", 0),
 }
 
 

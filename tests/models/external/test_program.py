@@ -71,7 +71,7 @@ def test_a_program_gets_its_input_and_its_histories_are_read(program, tmp_path):
         ("torn", Status.FAILED, "returned 399 rows", 399),
         ("garbage", Status.FAILED, "line 101 of 'out.csv' is not numeric: 'Error: negative Jacobian'", 0),
         ("columns", Status.FAILED, "no column 'velocity'", 0),
-        ("nothing", Status.FAILED, "it wrote no 'out.csv'; its folder contains input.txt, output.txt", 0),
+        ("nothing", Status.FAILED, "the program wrote no 'out.csv'; its folder contains input.txt, output.txt", 0),
         ("exit", Status.FAILED, "exit code 3; it last said: a is 7.1", 400),  # its output is kept and not believed
         ("hang", Status.TIMED_OUT, "no answer within 1 s", 0),
         ("signal", Status.FAILED, "killed by signal 15 (SIGTERM)", 400),

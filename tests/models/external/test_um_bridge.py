@@ -30,7 +30,7 @@ def test_our_client_runs_a_server_written_with_the_official_package():
     # The official server answers an exception of its model with a page: its status and words are all that it says.
     assert "answered Evaluate with HTTP status 500" in found.reasons[1] and "did not answer" not in found.reasons[1]
     wrong = si.UMBridgeModel(url, ("a",), ("velocity",), "wave").simulate(theta[:1, :1], RECORD)
-    assert "takes 2 numbers, not 1 parameters" in wrong.reasons[0]
+    assert "takes 2 numbers, but it has 1 parameters here" in wrong.reasons[0]
     short = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", {"samples": 300}).simulate(theta[:1], RECORD)
     assert "300 rows" in short.reasons[0]
     nobody = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "ripple").simulate(theta[:1], RECORD)
@@ -160,7 +160,7 @@ def test_a_run_that_fails_is_too_short_for_the_protocol():
 
 @pytest.mark.parametrize(("host", "port"), [("no such host", 4242), ("127.0.0.1", 99_999), ("203.0.113.7", 4242)])
 def test_an_address_at_which_nobody_can_listen(host, port):
-    with pytest.raises(InputError, match=f"it cannot listen at the address {host}:{port}"):
+    with pytest.raises(InputError, match=f"this machine cannot listen at the address {host}:{port}"):
         check_address(host, port)
 
 

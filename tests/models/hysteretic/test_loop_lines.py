@@ -114,7 +114,7 @@ def test_a_loop_that_loses_strength_gives_no_prior_of_alpha():
         (np.array([0.0, 1.0, np.nan]), np.zeros(3), "1 of 3 samples are not finite"),
         (np.zeros(50), np.zeros(50), "0 samples on the initial"),
         (np.ma.masked_greater(np.arange(50.0), 40.0), np.zeros(50), "masked"),
-        ("a", np.zeros(50), "text"),
+        ("a", np.zeros(50), "string"),
     ],
 )
 def test_what_is_no_loop_is_refused(u, f, said):

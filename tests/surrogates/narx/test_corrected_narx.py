@@ -117,7 +117,7 @@ def test_it_is_read_again(fitted, runs, unseen, tmp_path):
 
 def test_a_file_of_the_sum_that_an_earlier_version_wrote_is_refused(fitted):
     plain, arrays = fitted.to_plain()
-    with pytest.raises(InputError, match=r"a sum of a NARX and a Kriging.* Fit it again"):
+    with pytest.raises(InputError, match=r"a sum of a NARX and a Kriging.* Fit the surrogate to its runs again"):
         type(fitted).from_plain(
             fitted.fitted, {"narx": plain["narx"], "rest": plain["kriging"], "whole": False}, arrays
         )

@@ -100,7 +100,7 @@ def test_how_far_it_reaches(within, tmp_path):
     just_outside = np.array([[8.3e6]])
     with pytest.warns(StructidWarning, match="the response is computed at the nearest point of the range"):
         at_the_edge = held.simulate(just_outside, record).values
-    with pytest.warns(StructidWarning, match=r"by extrapolation up to 0.2 times the range"):
+    with pytest.warns(StructidWarning, match=r"by extrapolation up to 0.2 times the range's width"):
         extrapolated, spread = reaching.predict(just_outside, record, return_std=True)
     true = model.simulate(just_outside, record).values
     assert np.abs(extrapolated.values - true).max() < 0.3 * np.abs(at_the_edge - true).max()

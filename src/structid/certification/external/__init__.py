@@ -1,1 +1,1 @@
-"""External draws: the certificate of a posterior that another program drew."""
+"""External draws: certificate of a posterior that another program sampled."""

@@ -36,7 +36,7 @@ Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
 SEARCH_SHARE = 6
 """Number of runs at draws for each further run that searches for a missed mode."""
 AT_ONCE = 10
-"""Runs of a round that trains the correction."""
+"""Number of model runs in each round that trains the correction."""
 
 
 @check_arguments
@@ -56,13 +56,13 @@ def certify(
     executor: Any = None,
     progress: ReportActivity | None = None,
 ) -> Certificate:
-    """Certify a posterior that another program drew, from model runs at a few of its draws.
+    """Certify a posterior that another program sampled, from model runs at a few of its draws.
 
-    The draws should follow a density q. The true posterior π is evaluated at some of them and, if q is a function, at draws of a
+    The draws should follow a density q. The true posterior π is evaluated at some draws and, if q is a function, at draws from a
     wider density. The variation χ of π/q bounds the error of every mean, standard deviation and probability; see `Certificate`.
     If q is a function, a second sampler checks whether the draws follow q. Averages over the draws also have a Monte Carlo error,
-    which depends on the number and autocorrelation of the draws. The statement includes this error, and draws that are too few for
-    the limits are refused.
+    which depends on the number and autocorrelation of the draws. The statement includes this error, and draws that are too few
+    for the limits are refused.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ def certify(
         accurate in the tails.
     searches : int, optional
         Largest number of further model runs, in rounds of three, that search for missed modes. By default a sixth of `true_runs`,
-        or twice as many once a run is close to a relevant density. They need a posterior with a separate prior.
+        or twice as many once a run comes close to a relevant density. They need a posterior with a separate prior.
     teaching : int, optional
-        Largest number of further model runs, in rounds of ten, if the draws do not decide: at points that are most informative
-        about the draws' density. By default half of `true_runs`.
+        Largest number of further model runs, in rounds of ten, if the draws are inconclusive, at the points that are
+        most informative about the draws' density. By default half of `true_runs`.
     known : tuple of ndarray, optional
-        Points (point, parameter) in SI with known log π (point,), as computed by the posterior. One model run at the best of them
-        checks the values. No known point may exceed the draws. The points guide the search for missed modes and the correction of
-        the draws' density.
+        Points (point, parameter) in SI with known log π (point,), as computed by the posterior. One model run at the best of
+        these points checks the values. A known point whose density clearly exceeds that of all draws prevents a certificate. The
+        points guide the search for missed modes and the correction of the draws' density.
     limits : Limits, optional
         Limits that the certificate must meet.
     look : int
@@ -106,13 +106,13 @@ def certify(
     Returns
     -------
     Certificate
-        The verdict and its figures.
+        The verdict, with its bounds and reasons.
 
     Raises
     ------
     InputError
-        If the draws are of other parameters, too few, outside the support of the priors, or not of this density, or if the model
-        has another log density at a known point.
+        If the draws are too few, lack parameters, lie outside the support of the priors or contradict `log_density`, or
+        if the model gives another log density at a known point.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def certify(
     True
     """
     if true_runs is not None and true_runs < FEWEST_DRAWS:
-        raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
+        raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, 30 or more recommended")
     for word, count in (("searches", searches), ("teaching", teaching)):
         if count is not None and count < 0:
             raise InputError(f"certify({word})", f"{count}", "0 or more")
@@ -182,7 +182,7 @@ def _judged(
     against: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Certificate:
-    """Certify by the weights of the draws; if these do not decide, by the correction, after further training runs."""
+    """Certify by the weights of the draws or, if inconclusive, by the correction after further training runs."""
     names, before = drawn.posterior.compared_names, truth.count
     near = _within_reach(drawn, fresh, others, limits)
     certificate = issue_certificate(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
@@ -238,7 +238,7 @@ def _compare_known(known: Points, truth: Truth) -> None:
 
 
 def _within_reach(drawn: DrawnDensity, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
-    """Runs near the best run, where q is not zero: see `with_what_is_excluded`. Further away, q may be arbitrarily wrong."""
+    """Return the runs near the best run where q is positive; `with_what_is_excluded` checks those where it is zero."""
     log_true = np.concatenate([fresh.log_true, others[1]])
     log_drawn = np.concatenate([fresh.log_drawn, drawn.log_density(others[0]) if len(others[0]) else others[1]])
     near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)

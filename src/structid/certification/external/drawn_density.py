@@ -1,4 +1,4 @@
-"""The density q of external draws: the interface of all such densities."""
+"""Interface of the density q of external draws."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from structid.inference.convergence import walkers_in_turn
 from structid.inference.target import Target
 
 PARTS = 4
-"""Number of parts of a single chain, for the variation of its averages."""
+"""Number of parts into which a single chain is divided, to estimate the standard errors of its averages."""
 MANY = 4000
-"""Largest number of draws that represent a density."""
+"""Approximate number of draws that represent a density."""
 COVERED = 0.99
-"""Probability of the ball that counts as covered by the draws."""
+"""Probability of the ball, in normal coordinates, within which points count as covered by the draws."""
 FAR_FROM_PRIOR = 8.0
-"""Distance of the draws' median from the prior median, in prior standard deviations, that suggests another unit."""
+"""Distance of the draws' median from the prior median, in prior standard deviations, that suggests a wrong unit."""
 OTHER_SPREAD = 0.7
-"""Deviation of a given log density from the fitted log density, over the latter's spread, above which it is refused."""
+"""Largest accepted ratio of two spreads: of the given minus the fitted log density, and of the fitted log density."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,13 @@ class DrawnDensity(ABC):
     subject = ""
     """Description of the certified density, if the draws themselves are not certified."""
     at_draws: np.ndarray
-    """Log density of q at draws of it, shape (draw,)."""
+    """Log density of q at draws from q, shape (draw,)."""
     fitted: FittedDensity
     """Density fitted to the draws, in unconstrained coordinates."""
     width = 1.0
     """Width of the density of the points for model runs, relative to the draws."""
     enough = 30
-    """Number of model runs that usually decides."""
+    """Number of model runs that usually suffices for a verdict."""
 
     def __init__(self, posterior: Target, draws: Float[np.ndarray, "chain draw parameter"]) -> None:
         self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws
@@ -83,7 +83,7 @@ class DrawnDensity(ABC):
 
     @property
     def population(self) -> np.ndarray:
-        """Many draws of q, (draw, parameter), in SI."""
+        """Many draws from q, (draw, parameter), in SI."""
         return self.flat[:: max(1, len(self.flat) // MANY)]
 
     @property
@@ -110,7 +110,7 @@ class DrawnDensity(ABC):
         return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
 
     def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
-        """Describe draws where the prior is nearly zero, for example draws in another unit."""
+        """Report draws where the prior is nearly zero, for example because of a wrong unit."""
         if not self.posterior.knows_prior:
             return ()
         prior = self.posterior.initial(MANY, rng)
@@ -142,24 +142,24 @@ class DrawnDensity(ABC):
         """Choose points at which other densities are compared with q, without a model run."""
 
     def covers(self, theta: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
-        """Whether points for model runs come near these points."""
+        """Return whether each point lies in the region from which most points for model runs are drawn."""
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
         return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Evidence against q before any model run."""
+        """Report the evidence against q that needs no model run."""
         return ()
 
 
 def refuse_another(
     drawn: DrawnDensity, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator
 ) -> FittedDensity:
-    """Refuse a log density that does not vary with the density of the draws."""
+    """Refuse a log density that contradicts a density fitted to the draws; return the fitted density."""
     if not np.isfinite(at_draws).all():
         raise InputError(
             "certify(log_density)",
             f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
-            "a finite value at every draw, since there are no draws where the density is zero",
+            "a finite value at every draw, since a density is positive wherever it has draws",
         )
     fitted = FittedDensity.of(drawn.phi, rng)
     log_fitted = of_fitted(fitted, drawn, drawn.flat)
@@ -170,11 +170,11 @@ def refuse_another(
     if not gap <= OTHER_SPREAD * spread:
         raise InputError(
             "certify(log_density)",
-            f"a log density that is not that of the draws: it deviates by {0.5 * gap:.3g} nats from a density fitted to the draws, "
-            f"which itself varies by {0.5 * spread:.3g} nats",
+            f"a log density that does not match the draws: it deviates by {0.5 * gap:.3g} nats from a density fitted to "
+            f"the draws, which itself varies by {0.5 * spread:.3g} nats",
             "log q with respect to the parameters in SI, up to a constant, where q is the density of the draws",
-            "Do not give a log-likelihood or a density with respect to other coordinates, nor draws of a chain of a few "
-            "autocorrelation times. If you do not have log q, leave it out.",
+            "Do not give a log-likelihood, a density with respect to other coordinates, or a chain that is only a few "
+            "autocorrelation times long. If log q is unknown, omit log_density.",
         )
     return fitted
 

@@ -15,15 +15,15 @@ from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
 from structid.inference.target import Target
 
 WIDE_SHARE = 1.0 / 3.0
-"""Fraction of the model runs at draws of a wider density, since draws of a too narrow approximation rarely reach the tails."""
+"""Fraction of the model runs at draws from a wider density, since draws from a q that is too narrow miss the tails."""
 WIDENED = 1.4
-"""Width of that density relative to the draws, about the width of q^½."""
+"""Width of the wider density relative to the draws, about the width of q^½."""
 AROUND = (WIDENED, 3.0)
-"""Relative widths of the densities of points without a model run."""
+"""Relative widths of the wider densities from which comparison points without a model run are drawn."""
 SEARCHED = 20_000
 """Number of draws of the fitted density searched for points outside the support of q, which may be truncated."""
 DEEPEST = 100.0
-"""Depth below its highest density from which q counts as zero [nat]."""
+"""Depth of log q below its maximum at the draws from which q counts as zero [nat]."""
 
 
 class DensityOfDraws(DrawnDensity):
@@ -56,7 +56,7 @@ class DensityOfDraws(DrawnDensity):
         return np.where(np.isnan(values), -np.inf, values)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Points: two thirds are draws, one third comes from a wider density; see `DrawnDensity.chosen`."""
+        """Choose points: two thirds are draws, one third comes from a wider density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
@@ -68,7 +68,7 @@ class DensityOfDraws(DrawnDensity):
         many: Float[np.ndarray, "many parameter"],
         rng: np.random.Generator,
     ) -> Chosen:
-        """Combine draws of q, draws of a wider density and points outside the support of q."""
+        """Combine draws from q, draws from a wider density and points outside the support of q."""
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
         wide = self.fitted.draw(MANY, rng, WIDENED)
@@ -80,7 +80,7 @@ class DensityOfDraws(DrawnDensity):
         return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
 
     def around(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Draws, and as many from wider and much wider densities; see `DrawnDensity.around`."""
+        """Choose draws, and as many points from each of two wider densities; see `DrawnDensity.around`."""
         each = count // (1 + len(AROUND))
         plain = self._many[rng.permutation(len(self._many))[:each]]
         others = [self.fitted.draw(each, rng, width) for width in AROUND]
@@ -91,11 +91,11 @@ class DensityOfDraws(DrawnDensity):
 
     @property
     def _many(self) -> np.ndarray:
-        """Draws of q, in unconstrained coordinates."""
+        """Draws from q, in unconstrained coordinates."""
         return self.phi
 
     def _log_integral(self, many: np.ndarray, wide: np.ndarray) -> float:
-        """Log ∫q, from draws of q and of the wider density, which is normalised."""
+        """Return log ∫q, from draws from q and from the wider density, which is normalised."""
         log_q = self._in_coordinates(wide)
         inside = np.isfinite(log_q)
         some = many[:: max(1, len(many) // MANY)]
@@ -116,18 +116,18 @@ class DensityOfDraws(DrawnDensity):
         return Chosen(theta, log_q - jacobian, wider[0] - jacobian, mixture - jacobian)
 
     def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws of the fitted density outside the support of q, near where it truncates the draws."""
+        """Return draws from the fitted density that lie outside the support of q."""
         drawn = self.fitted.draw(SEARCHED, rng)
         return np.asarray(drawn[~np.isfinite(self._in_coordinates(drawn))][:count])
 
     def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
-        """Log density with respect to φ; −inf where it is negligible, since e^800 overflows."""
+        """Return log q with respect to φ; −inf where it is negligible, to avoid overflow."""
         theta, jacobian = self.bijection(phi)
         density = self.log_density(theta)
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
     def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Sample q with a second sampler; see `DrawnDensity.doubts`."""
+        """Compare the draws with a second sampler's draws from q; see `DrawnDensity.doubts`."""
         comparison = check_representation(
             _Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed
         )

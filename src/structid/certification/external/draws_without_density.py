@@ -22,7 +22,7 @@ MOMENTS = 0.1
 
 
 class ValuesAtDraws(DrawnDensity):
-    """The log density of q is known only at the draws."""
+    """External draws whose log density is known only at the draws."""
 
     subject = "for a density that is known only at the draws"
 
@@ -60,7 +60,7 @@ class ValuesAtDraws(DrawnDensity):
 
 
 class FittedToDraws(DensityOfDraws):
-    """No density is known: q is fitted to the draws."""
+    """External draws without a known density: q is fitted to them."""
 
     subject = "for a density that was fitted to the draws"
     enough = 60
@@ -85,7 +85,7 @@ class FittedToDraws(DensityOfDraws):
         return of_fitted(self.fitted, self, theta)
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
-        """Points, two thirds of which are draws of the fitted density; see `DrawnDensity.chosen`."""
+        """Choose points, two thirds of which are draws from the fitted density; see `DrawnDensity.chosen`."""
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 

@@ -1,4 +1,4 @@
-"""Draws of another program in any form: arrays, tables, ArviZ."""
+"""External draws in any form: arrays, tables, ArviZ objects and files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structid.ground_motion.record_files import lines_of
 from structid.inference.sampling_result import SamplingResult
 
 Draws = SamplingResult | Mapping[str, Any] | np.ndarray | str | os.PathLike[str] | Any
-"""An array (draw, parameter) or (chain, draw, parameter) in SI, columns by name, an ArviZ object or file, or our own result."""
+"""Draws in SI: an array ([chain,] draw, parameter), named columns, an ArviZ object, a file, or a `SamplingResult`."""
 
 WHERE = "certify(draws)"
 CHAIN_AND_DRAW = ("chain", "draw")
@@ -27,8 +27,8 @@ FEWEST, FEWEST_FOR_EACH = 100, 20
 """Minimum number of draws, in total and per parameter, for sufficiently accurate moments."""
 
 ACROSS = 0.1
-"""Correlation of neighbouring chains, beyond three standard errors, above which they are taken for steps of an ensemble, if
-successive draws correlate less."""
+"""Correlation of neighbouring chains, beyond three standard errors, above which the supposed chains are taken for the steps of an
+ensemble. The correlation must also exceed that of successive draws."""
 
 
 def draws_of(
@@ -36,7 +36,7 @@ def draws_of(
 ) -> Float[np.ndarray, "chain draw parameter"]:
     """Extract draws of the parameters from any container.
 
-    Named columns are taken by name, unnamed columns by position. Further columns, text included, are ignored.
+    Named columns are taken by name, unnamed columns by position. Further columns, even of strings, are ignored.
     """
     if isinstance(draws, SamplingResult):
         draws_by_name = _by_name({n: draws.draws[:, :, i] for i, n in enumerate(draws.names)}, names)
@@ -75,7 +75,7 @@ def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarra
 
 
 def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
-    """Draws of the group `posterior` of a netCDF file, or of a table with titles, (chain, draw, parameter)."""
+    """Read draws (chain, draw, parameter) from the group `posterior` of a netCDF file, or from a table."""
     if not path.is_file():
         raise InputError(WHERE, f"no file {path}", "a netCDF file with the group 'posterior', or a CSV file")
     if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat"):
@@ -95,7 +95,7 @@ def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np
 
 
 def _text_table(path: Path) -> Any:
-    """Read a CSV with titles as a DataFrame: commas, semicolons, tabs or spaces between columns, comments after #."""
+    """Read a CSV file with a heading line, # comment lines, and commas, semicolons, tabs or spaces between columns."""
     import pandas
 
     lines = [line for line in lines_of(path) if line.strip() and not line.lstrip().startswith("#")]
@@ -109,11 +109,11 @@ def _text_table(path: Path) -> Any:
             text, sep=separator, decimal=decimal, skipinitialspace=True, index_col=False, engine="python"
         )
     except ValueError as problem:  # pandas raises these for parsing errors
-        raise InputError(WHERE, f"{path}: {problem}", "a heading line, and as many values in every line") from None
+        raise InputError(WHERE, f"{path}: {problem}", "a heading line, and equally many values in every line") from None
 
 
 def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
-    """Refuse a table without titles, and name the first cell of a parameter that is not a number."""
+    """Refuse a table without a heading line, or with a parameter's cell that is not a number."""
     import pandas
 
     heads = [str(name).strip() for name in table.columns]
@@ -128,7 +128,7 @@ def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
 
 
 def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Draws of a DataFrame; chains are identified by columns, or by an index, called chain and draw."""
+    """Extract draws from a DataFrame; columns or index levels named chain and draw identify the chains."""
     if hasattr(table, "reset_index") and set(CHAIN_AND_DRAW) <= set(getattr(table.index, "names", ())):
         table = table.reset_index(allow_duplicates=True)
     columns = {str(name).strip(): table[name] for name in dict.fromkeys(table.columns)}
@@ -149,7 +149,7 @@ def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:
 
 
 def _of_dataset(dataset: Any, names: tuple[str, ...], units: Mapping[str, str]) -> np.ndarray:
-    """Draws of an xarray.Dataset; variables with further dimensions are named as in ArviZ, b[0], b[1]."""
+    """Extract draws from an xarray.Dataset; elements of array variables are named as in ArviZ, b[0], b[1]."""
     if "sample" in dataset.dims:
         # As returned by az.extract: chain and draw in one dimension, with a joint index if all draws are present.
         index = dataset.indexes.get("sample")
@@ -190,14 +190,14 @@ def _factor(name: str, attributes: Mapping[str, Any], units: Mapping[str, str]) 
 
 
 def _by_name(columns: Mapping[str, Any], names: tuple[str, ...]) -> np.ndarray:
-    """The columns of the parameters, (chain, draw, parameter)."""
+    """Stack the columns of the parameters into an array (chain, draw, parameter)."""
     missing = [name for name in names if name not in columns]
     if missing:
         raise InputError(
             WHERE,
             f"draws of {', '.join(columns) or 'nothing'}",
-            f"draws of all parameters of the posterior, by the same names: {', '.join(names)}",
-            f"Add draws of {', '.join(missing)}. Error-model parameters, such as sigma2, are needed, too.",
+            f"draws of all parameters of the posterior, with the same names: {', '.join(names)}",
+            f"Add draws of {', '.join(missing)}. Error-model parameters, such as sigma2, are also needed.",
         )
     columns_taken = [np.atleast_2d(real_array(f"{WHERE}: {name}", columns[name], "numbers")) for name in names]
     if len({values.shape for values in columns_taken}) > 1:
@@ -220,9 +220,9 @@ def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     if across > max(along, ACROSS + 3.0 / np.sqrt(array[..., 0].size)):
         raise InputError(
             WHERE,
-            f"{array.shape[0]} chains of {array.shape[1]} draws, of which neighbouring chains have a correlation of "
-            f"{across:.2f} and successive draws of {along:.2f}",
-            "(chain, draw, parameter); independent draws are one array (draw, parameter)",
+            f"{array.shape[0]} chains of {array.shape[1]} draws, with a correlation of {across:.2f} between neighbouring "
+            f"chains and of {along:.2f} between successive draws",
+            "(chain, draw, parameter); for independent draws, one array (draw, parameter)",
             "emcee's get_chain() returns (step, walker, parameter): give chain.swapaxes(0, 1), and its log densities transposed.",
         )
     return array
@@ -237,13 +237,13 @@ def _correlation_of_neighbours(array: np.ndarray, axis: int) -> float:
 
 
 def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Refuse draws that cannot be assessed."""
+    """Refuse too few draws, values that are not finite, and constant parameters."""
     count, fewest = draws.shape[0] * draws.shape[1], max(FEWEST, FEWEST_FOR_EACH * len(names))
     if count < fewest:
         raise InputError(
             WHERE,
             f"{count} draws",
-            f"{fewest} or more for {len(names)} parameters, best a few thousand",
+            f"{fewest} or more for {len(names)} parameters, a few thousand recommended",
             "Take more draws: the certificate concerns their means and standard deviations.",
         )
     if not np.isfinite(draws).all():
@@ -251,5 +251,5 @@ def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     flat = draws.reshape(-1, len(names))
     fixed = [name for name, spread in zip(names, np.ptp(flat, axis=0), strict=True) if spread == 0.0]
     if fixed:
-        raise InputError(WHERE, f"draws that are all the same in {', '.join(fixed)}", "draws that vary")
+        raise InputError(WHERE, f"draws with a constant {', '.join(fixed)}", "draws that vary")
     return draws

@@ -1,9 +1,9 @@
-"""A density fitted to draws: marginals are mapped to normal distributions, rotated, mapped again, and so on.
+"""A density fitted to draws by maps of the marginals to normal distributions, which alternate with rotations.
 
 S. S. Chen & R. A. Gopinath (2000), Gaussianization, Advances in Neural Information Processing Systems 13. In every layer each
 coordinate is mapped by the sinh-arcsinh transformation of M. C. Jones & A. Pewsey (2009), doi 10.1093/biomet/asp053, whose four
-parameters (place, width, skewness, weight of the tails) are fitted by maximum likelihood. The first layer whitens; all further
-layers are rotated at random. A composition of such maps has a density that can be evaluated and drawn from.
+parameters (location, scale, skewness, tail weight) are fitted by maximum likelihood. The first layer whitens the draws; every
+further layer rotates them at random. A composition of such maps has a density that can be evaluated and sampled.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import scipy
 from jaxtyping import Float
 
 MOST_LAYERS = 12
-"""Largest number of layers. The first makes the marginals normal; each further layer captures nonlinear dependence."""
+"""Largest number of layers. Layer 1 makes the marginals normal; each further layer captures nonlinear dependence."""
 HELD_OUT = 0.2
-"""Fraction of the draws by which the number of layers is chosen, since every layer also fits noise."""
+"""Fraction of the draws held out to choose the number of layers, since every layer also fits noise."""
 LARGEST_ANGLE = 300.0
 """Largest argument of sinh and cosh, far beyond any draw; squares of larger values overflow."""
 LARGEST_LOG = 3.0
-"""Largest logarithm of a width or of a tail weight."""
+"""Largest change of a log width from its initial value, and largest absolute value of a skewness."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """z = sinh(δ asinh((R y − ξ)/λ) − ε), y the whitened or rotated coordinates."""
+    """z = sinh(δ asinh((y − ξ)/λ) − ε), with y = R (x − centre) the whitened or rotated coordinates."""
 
     centre: Float[np.ndarray, " parameter"]  # subtracted first
     rotation: Float[np.ndarray, "parameter parameter"]  # R; of any determinant
@@ -139,8 +139,8 @@ class FittedDensity:
         return np.asarray(slope + normal)
 
     def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Float[np.ndarray, "count parameter"]:
-        """Draw from it, or from a wider density that continues beyond the draws.
+        """Draw from the fitted density, or from a wider density that extends beyond the draws.
 
-        In the normal coordinates a bent ridge is straight, so that draws beyond its ends still lie on it.
+        A curved ridge is straight in the normal coordinates, so that draws beyond its ends still follow it.
         """
         return self.of_normal_coordinates(width * rng.standard_normal((count, len(self.layers[0].centre))))

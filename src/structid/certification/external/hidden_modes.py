@@ -1,10 +1,10 @@
 """Search for modes that external draws have missed, by model runs.
 
 Draws contain no information about regions without draws. A Kriging surrogate of the log density, fitted to all known runs,
-predicts where it could be high. It is uncertain far from runs. Runs at draws alone lie close together; their extrapolated trend
-makes it certain everywhere. Without other runs, the search therefore begins at draws of the prior. The model is then run at the
-points most likely to have a relevant density. If a point has one, it exceeds the draws, and no certificate is issued. A mode may
-still be missed.
+predicts where it could be high. The surrogate is uncertain far from the runs. If all runs are at draws, they lie close together,
+and their extrapolated trend makes the surrogate overconfident everywhere. Without other runs, the search therefore begins at
+draws of the prior. The model is then run at the points most likely to have a relevant density. If a run finds a relevant density
+there, no certificate is issued. A mode may still be missed.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from structid.certification.known_points import Points, joined
 from structid.certification.limits import Limits
 
 SCOUTS = 4000
-"""Draws of the prior among which a run is chosen."""
+"""Number of prior draws from which the points for runs are chosen."""
 AT_ONCE = 3
-"""Number of runs per round; few, since each round informs the choice of the next runs."""
+"""Number of runs in each round; it is small, since each round informs the choice of the next runs."""
 APART = 0.3
-"""Smallest distance between two runs, in standard deviations of the prior."""
+"""Smallest distance between two runs of a round, in standard deviations of the prior."""
 NEAR = 3.0
-"""Multiple of `Limits.reach` below the best run within which the search continues around a run."""
+"""Multiple of `Limits.reach` below the best run within which a run doubles the number of search runs."""
 HOPELESS = -10.0
-"""Distance below a relevant density, in standard deviations of the Kriging surrogate, at which the search ends."""
+"""Predicted log density minus a relevant one, in Kriging standard deviations, below which the search ends."""
 
 
 def searched(
@@ -85,7 +85,7 @@ def _kriged(drawn: DrawnDensity, chart: Chart, known: Points) -> KrigedDensity:
 
 
 def _apart(chance: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
-    """The most promising points, with a minimum distance between them."""
+    """Return the most promising points, with a minimum distance between them."""
     places: list[int] = []
     for index in np.argsort(-chance):
         if len(places) == count or chance[index] < HOPELESS:

@@ -20,16 +20,16 @@ from structid.surrogates.kriging.universal_kriging import Kriging
 Correlation = Literal["gaussian", "matern52"]
 CORRELATIONS: tuple[Correlation, ...] = ("gaussian", "matern52")
 NUGGET = 1e-8
-"""Noise variance relative to the process variance; keeps correlations of close runs regular."""
+"""Noise variance relative to the process variance; it keeps the correlation matrix of close runs regular."""
 RUNS_FOR_EACH = 2
 """Minimum number of runs per term of a trend."""
 
 Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Map from φ, (point, parameter), to coordinates in which the log density is smooth, with a first guess of it, (point,)."""
+"""Map from φ, (point, parameter), to coordinates that make the log density smooth, and to its first guess, (point,)."""
 
 
 def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Chart in which some points have mean zero and unit covariance; its first guess is zero."""
+    """Return a chart in which the given points have mean zero and unit covariance; its first guess is zero."""
     centre, root = points.mean(axis=0), np.linalg.cholesky(np.atleast_2d(np.cov(points.T)))
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
 
 
 def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point parameter"]) -> Chart:
-    """Chart of the parameters themselves: near a bound, φ diverges while the density hardly changes."""
+    """Return a chart of the parameters θ: near a bound, φ diverges while the density hardly changes."""
     standardised = standardised_by(theta)
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +50,7 @@ def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point paramete
 
 
 def normal_by(fitted: FittedDensity) -> Chart:
-    """Chart in which a fitted density is standard normal; its first guess is that density."""
+    """Return a chart in which a fitted density is standard normal; its first guess is that log density."""
 
     def chart(phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         z, slope = fitted.in_normal_coordinates(phi)
@@ -93,7 +93,7 @@ class KrigedDensity:
         values: np.ndarray,
         counts: Float[np.ndarray, " run"],
     ) -> KrigedDensity:
-        """Fit the form with the smallest spread of leave-one-out errors."""
+        """Fit all forms, and return the one with the smallest spread of leave-one-out errors."""
         candidates = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
         return min(candidates, key=lambda one: one.error(counts))
 
@@ -103,14 +103,14 @@ class KrigedDensity:
         return float(np.sqrt(shares @ (residuals - shares @ residuals) ** 2))
 
     def without(self, left_out: np.ndarray) -> KrigedDensity:
-        """Fit the same form without some runs."""
+        """Fit the same chart and correlation without some runs."""
         kept = np.setdiff1d(np.arange(len(self.phi)), left_out)
         return self.fitted(self.chart, self.correlation, self.phi[kept], self.values[kept], self.kriging)
 
     def believing(
         self, phi: Float[np.ndarray, "point parameter"], values: Float[np.ndarray, " point"]
     ) -> KrigedDensity:
-        """Add predicted values at further points, so that the Kriging is certain there."""
+        """Refit with predicted values added as runs at further points, so that the Kriging is certain there."""
         return self.fitted(
             self.chart,
             self.correlation,
@@ -127,7 +127,7 @@ class KrigedDensity:
 
 
 def _trend(runs: int, dimension: int) -> Literal["constant", "linear", "quadratic"]:
-    """The highest trend with enough runs."""
+    """Return the trend of the highest degree for which there are enough runs."""
     if runs >= RUNS_FOR_EACH * (dimension + 1) * (dimension + 2) // 2:
         return "quadratic"
     return "linear" if runs >= RUNS_FOR_EACH * (dimension + 1) else "constant"

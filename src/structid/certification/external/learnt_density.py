@@ -1,8 +1,8 @@
 """A density q′ between external draws and the true posterior, learnt from model runs.
 
-The weights π/q vary wherever q is wrong, whether this matters or not. A Kriging surrogate of log π, fitted to the certificate's
-runs and to known runs, gives a closer density q′. The differences between the moments of q′ and q need no model run (see
-`Correction`). The runs assess q′: each run is compared with a Kriging surrogate fitted without it.
+The weights π/q vary wherever q is wrong, even if this hardly changes the moments. A Kriging surrogate of log π, fitted to the
+certificate's runs and to known runs, gives a closer density q′. The differences between the moments of q′ and q need no model run
+(see `Correction`). The runs assess q′: each run is compared with a Kriging surrogate fitted without it.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from structid.certification.limits import Limits
 AROUND = 9000
 """Number of points at which q and q′ are compared."""
 BEYOND = 0.01
-"""Accepted probability of q′ in regions without fresh draws."""
+"""Largest accepted probability of q′ in regions without fresh draws."""
 COMPARED = 1000
-"""Number of draws of q′ at which the densities of the folds are compared with q′."""
+"""Number of draws from q′ at which q′ is compared with the densities that leave out one fold."""
 SURE = 0.5
 """Standard deviation of the Kriging at which its weight is e⁻¹ [nat]."""
 MOST_UNSURE = 2.0
-"""Standard deviation of the Kriging above which it no longer affects the choice of a run [nat]."""
+"""Upper limit of the Kriging standard deviation in the choice of a run; a larger one counts as this [nat]."""
 TAILS = 0.02
-"""Fraction of the wider density where nothing was learnt: with short tails, the weights would have no finite variation."""
+"""Fraction of the wider density in q′ far from runs; with shorter tails, the weights could have infinite variance."""
 DEEPEST = 60.0
-"""Depth below the best run at which known runs no longer inform the posterior [nat]."""
+"""Depth below the best fresh run beyond which known runs are ignored [nat]."""
 
 
 class LearntDensity:
@@ -64,7 +64,7 @@ class LearntDensity:
         return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
 
     def stored(self, limits: Limits) -> StoredRuns:
-        """Compare the runs with q′ in the region of points for runs, and with q elsewhere."""
+        """Compare the runs with q′ where it is covered by points for model runs, and with q elsewhere."""
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
         covered = self.drawn.covers(self.theta)
         log_drawn = np.where(covered, foretold, self.drawn.log_density(self.theta) + self.fresh.middle)
@@ -74,7 +74,7 @@ class LearntDensity:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Report probability of q′ where no fresh draw can assess it."""
+        """Report a large probability of q′ in regions where no fresh draw can assess it."""
         beyond = float(self.weights[~self.covered].sum())
         if beyond <= BEYOND:
             return ()
@@ -107,7 +107,7 @@ class LearntDensity:
         )
 
     def worth_teaching(self, count: int) -> Float[np.ndarray, "point parameter"]:
-        """Choose the most informative points for model runs: q′ is high, and the Kriging uncertain."""
+        """Choose the most informative points for model runs, where q′ is high and the Kriging uncertain."""
         theta, weights = self.around.theta[self.covered], self.weights[self.covered]
         phi = self.drawn.bijection.inverse(theta)
         places: list[int] = []
@@ -132,7 +132,7 @@ class LearntDensity:
 
 
 def _worth_learning(drawn: DrawnDensity, fresh: FreshDraws, known: Points) -> Points:
-    """Known runs that inform the posterior, followed by the fresh runs."""
+    """Return the known runs that are not too far below the best, followed by the fresh runs."""
     theta, log_true = known
     with np.errstate(invalid="ignore", divide="ignore"):
         inside = np.isfinite(drawn.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
@@ -142,7 +142,7 @@ def _worth_learning(drawn: DrawnDensity, fresh: FreshDraws, known: Points) -> Po
 
 
 def _kriged(drawn: DrawnDensity, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
-    """Log π with respect to φ, in the form with the smallest errors at the fresh runs, which come last."""
+    """Fit log π with respect to φ, in the form with the smallest errors at the fresh runs, which come last."""
     phi = drawn.bijection.inverse(theta)
     charts = [in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi), normal_by(drawn.fitted)]
     forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]

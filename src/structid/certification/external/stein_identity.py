@@ -1,13 +1,13 @@
 """Test by Stein's identity whether draws follow a density that is known only at the draws.
 
-Over draws of a density q, the gradient of log q averages to zero, and its product with the distance from the mean to −1:
+Over draws from a density q, the gradient of log q averages to 0, and its product with the distance from the mean to −1:
 
 E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
 
 (C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural
-Information Processing Systems 28). Both follow by integration by parts if q falls to zero. If the draws end where q is not zero,
-the boundary term is missing. Draws that lack a part of q, or come from an unconverged chain, are therefore detected from q at the
-draws alone. A mode far from all draws is not detected.
+Information Processing Systems 28). Both identities follow from integration by parts if q falls to zero. If the draws end where q
+is not zero, the boundary term is missing. Draws that lack a part of q, or come from an unconverged chain, are therefore detected
+from q at the draws alone. A mode far from all draws is not detected.
 
 The gradients come from Kriging surrogates that interpolate log q between a few hundred draws.
 """
@@ -29,16 +29,17 @@ from structid.certification.external.kriged_density import (
 from structid.inference.convergence import standard_error
 
 INTERPOLATED = 200
-"""Largest number of draws that a Kriging surrogate interpolates. Two surrogates of different draws give their error."""
+"""Largest number of draws that a Kriging surrogate interpolates. Two surrogates fitted to different draws give an
+estimate of their error."""
 COMPARED = 3000
-"""Largest number of draws over which gradients are averaged."""
+"""Approximate limit on the number of draws over which gradients are averaged."""
 SLOPE, SPREAD = 0.1, 0.2
-"""Accepted deviations of the averages from 0 and −1 beyond their errors. For a normal distribution, they correspond to
+"""Accepted deviations of the averages from 0 and −1, in addition to their errors. For a normal distribution, they correspond to
 errors of 0.1 standard deviations in the mean and of 10 % in the standard deviation."""
 TELLING = 0.4
-"""Error of the first average above which not even a missing half of a normal distribution is detected, whose average is 0.48."""
+"""Error of the first average above which the test is undecided: half a normal distribution has an average of 0.48."""
 ERRORS = 3.0
-"""Allowed number of standard errors of an average."""
+"""Number of standard errors allowed for an average."""
 STEP = 1e-3
 """Step of a difference quotient, in standard deviations."""
 
@@ -61,13 +62,13 @@ def not_its_draws(drawn: DrawnDensity, rng: np.random.Generator) -> tuple[str, .
         return _undecided(float(averages.slope_error.max()))
     if slope.max() >= spread.max():
         worst = int(np.argmax(slope))
-        finding = f"the gradient of log q averages to zero, here to {averages.slope[worst]:+.2f}"
+        finding = f"the gradient of log q must average to 0, not {averages.slope[worst]:+.2f}"
     else:
         worst = int(np.argmax(spread))
-        finding = f"the gradient of log q times (x − mean) averages to -1, here to {-averages.spread[worst]:.2f}"
+        finding = f"the gradient of log q times (x − mean) must average to -1, not {-averages.spread[worst]:.2f}"
     return (
-        f"these are not draws of the given density: over draws of a density q, {finding} along {drawn.posterior.names[worst]}, in "
-        "standard deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
+        f"these are not draws of the given density q: {finding} along {drawn.posterior.names[worst]}, in standard "
+        "deviations (Stein's identity). The draws lack a part of q, or their chain has not converged",
     )
 
 
@@ -75,9 +76,9 @@ def _undecided(error: float) -> tuple[str, ...]:
     if error <= TELLING:
         return ()
     return (
-        "whether these are draws of the given density cannot be told from its values at the draws: the gradient of its logarithm "
-        f"averages to zero only within {error:.2g}, while half a normal density gives 0.48 (Stein's identity). Give the density "
-        "as a function, or more draws",
+        "the values of the given density at the draws cannot decide whether the draws follow it: the error of the average "
+        f"gradient is {error:.2g}, while half a normal density has an average of 0.48 (Stein's identity). Give the density as "
+        "a function, or more draws",
     )
 
 
@@ -123,6 +124,6 @@ def _slope(kriged: KrigedDensity, phi: np.ndarray, root: np.ndarray) -> np.ndarr
 
 
 def _symmetric_root(phi: np.ndarray) -> np.ndarray:
-    """The root of the covariance whose coordinates are closest to the parameters' own."""
+    """Return the symmetric root of the covariance, whose coordinates are closest to the parameters themselves."""
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(phi.T)))
     return np.asarray((vectors * np.sqrt(values)) @ vectors.T)

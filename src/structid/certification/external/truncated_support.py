@@ -1,7 +1,7 @@
-"""Truncated support: the model where a given density is zero.
+"""Truncated support: checks of the model where a given density is zero.
 
-Samplers that classify points exclude parts of the space. There the ratio π/q of a model run is infinite. If π is low there and
-falls on the path from the draws, little of π is missing.
+Samplers that classify points can exclude parts of the parameter space. The ratio π/q of a model run in such a part is infinite.
+If π is low there and falls on the path from the draws, little of π is missing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FOLLOWED = 10
 ON_THE_WAY = (1.0 / 3.0, 2.0 / 3.0)
 """Positions on that path."""
 VALLEY = 1.0
-"""Fall of log π on the path below its value at the excluded point that counts as a valley [nat]."""
+"""Depth of log π on the path, below its value at the excluded point, that counts as a valley [nat]."""
 
 
 def with_what_is_excluded(
@@ -30,9 +30,10 @@ def with_what_is_excluded(
 ) -> tuple[FreshDraws, tuple[str, ...]]:
     """Allow for the fraction of π that may lie where q is zero.
 
-    If a fraction δ of π is missing and q is right elsewhere, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by at
-    most √(δ/(1 − δ)) standard deviations. For a normal distribution truncated h nats below its highest density, δ = P(χ²_d > 2h).
-    This holds for the drawn mode. A valley between it and an excluded point indicates another mode.
+    If a fraction δ of π is missing and q is right elsewhere, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
+    at most √(δ/(1 − δ)) standard deviations. For a normal distribution truncated h nats below its highest density,
+    δ = P(χ²_d > 2h). This estimate holds for the mode of the draws. A valley between it and an excluded point indicates
+    another mode.
     """
     theta, log_true = runs
     highest = fresh.log_true.max(initial=-np.inf)

@@ -1,1 +1,1 @@
-"""Commands, one file per command. `cli/commands/command_list.py` lists them in order."""
+"""Commands, one file per command. `cli/commands/command_list.py` lists the commands in order."""

@@ -1,4 +1,4 @@
-"""structid certify: certify external draws of a study's posterior by runs of the study's model."""
+"""structid certify: certify external draws from a study's posterior with runs of the study's model."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ def certify(
     draws: Annotated[
         Path, typer.Argument(help="Draws in SI units: a netCDF file (ArviZ schema) or a CSV file with a header.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the model runs, the certificate and its page.")] = Path(
+    out: Annotated[Path, typer.Option(help="Folder for the model runs, the certificate and its report.")] = Path(
         "certificate"
     ),
     runs: Annotated[int | None, typer.Option(help="Model runs; default 30, or 60 for draws without densities.")] = None,
-    look: Annotated[int, typer.Option(help="Number of this attempt: 2 for a second certificate of these draws.")] = 1,
+    look: Annotated[int, typer.Option(help="Attempt number: 2 for a second certificate of the same draws.")] = 1,
     executor: Annotated[str, typer.Option(help="Executor for the runs of an external solver.")] = "serial",
 ) -> None:
-    """Certify posterior draws from another program by a few runs of the study's model."""
+    """Certify posterior draws from another program with a few runs of the study's model."""
     from structid.study.certified_draws import certify_draws
 
     certificate, page = certify_draws(study, draws, out, runs, look, stage, executor)

@@ -1,4 +1,4 @@
-"""structid check: all problems of a study file, and the expected cost of the study."""
+"""structid check: all problems in a study file, and the expected cost of the study."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def check(
         Path | None, typer.Option(help="Folder for figures of each measurement, the model response and the record.")
     ] = None,
 ) -> None:
-    """List all problems of a study and estimate its cost by a few model runs."""
+    """List all problems in a study file, and estimate the cost of the study from a few model runs."""
     from structid.study.cost import estimate
     from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility

@@ -1,4 +1,4 @@
-"""The commands in order. A new command is a file with a function of the same name, and a line here."""
+"""The commands in order. To add a command, add a file with a function of the same name, and a line here."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ def conformance(
     address: Annotated[str, typer.Argument(help="Host and port of the server, for example 127.0.0.1:7700.")],
     secret_file: SecretFile = None,
 ) -> None:
-    """Check a specimen server. The specimen is commanded to stay in place, and holds permanently afterwards."""
+    """Check a specimen server. The specimen is commanded to stay in place; afterwards, it holds its position permanently."""
     from structid.hybrid.laboratory.conformance import conformance as checked
 
     with screen.status("checking"):

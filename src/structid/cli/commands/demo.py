@@ -19,7 +19,7 @@ ACTS = {
     "no_degradation": "The structure degrades during the earthquake. The calibrated model does not degrade.",
     "degradation": "The same measurement is used to calibrate a model that degrades.",
 }
-"""The studies and a description of each."""
+"""Studies of the demo, with a description of each."""
 
 _PASSING = partial(stage, passing=True)
 

@@ -41,8 +41,8 @@ def _engine() -> str:
     from structid.engine.lanes.machine import lanes, processor, why_not
 
     if why_not():
-        return f"JAX computes the time loops, several times slower than compiled vector code: {why_not()}"
-    return f"vector code compiled by LLVM for {processor()}, {lanes()} runs computed together"
+        return f"JAX runs the time integration, several times slower than compiled vector code: {why_not()}"
+    return f"vector code compiled by LLVM for {processor()}, {lanes()} runs computed at once"
 
 
 def _jax() -> str:

@@ -29,7 +29,7 @@ def hybrid(
     ] = "",
     secret_file: SecretFile = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue from the results in that folder; simulated specimens only.")
+        bool, typer.Option("--resume", help="Continue from the results in the output folder; simulated specimens only.")
     ] = False,
     show: Annotated[bool, typer.Option("--live", help="Serve a local web page that shows the running tests.")] = False,
     live_port: Annotated[int, typer.Option(help="Port of the live page.", min=1, max=65535)] = 8765,

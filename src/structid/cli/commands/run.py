@@ -21,7 +21,7 @@ def run(
         Path | None,
         typer.Option(help="Output folder; default: the name of the study file without its extension."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue from the results in that folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the results in the output folder.")] = False,
     executor: Annotated[
         str,
         typer.Option(
@@ -33,7 +33,7 @@ def run(
     ] = False,
     adopt: Annotated[
         bool,
-        typer.Option("--adopt", help="Keep the model runs although the solver has changed; implies --resume."),
+        typer.Option("--adopt", help="Keep the stored model runs even if the solver has changed; implies --resume."),
     ] = False,
 ) -> None:
     """Run a study: model runs, deterministic calibration, sampling, prediction, report."""

@@ -22,7 +22,7 @@ def runs(
         bool, typer.Option("--whole", help="Show the whole error message of the solver, not only its last line.")
     ] = False,
 ) -> None:
-    """Show the state of a study's model runs: counts, reasons of failures, rates."""
+    """Show the state of a study's model runs: counts, reasons for failures, rates."""
     from structid.campaign.store import open_runs
     from structid.study.cost import duration
 

@@ -13,7 +13,9 @@ from structid.cli.screen import NOT_CONVERGED, print_plainly, screen, stage
 def sbc(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     replicas: Annotated[int, typer.Option(help="Number of simulated measurements.")] = 200,
-    out: Annotated[Path | None, typer.Option(help="Folder for the figure and a surrogate's training runs.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the figure and the training runs of a surrogate.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Random seed; default: the seed of the study.")] = None,
     executor: Annotated[str, typer.Option(help="Executor for the runs of an external solver.")] = "serial",
 ) -> None:

@@ -14,7 +14,8 @@ def serve(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     port: Annotated[int, typer.Option(help="Port to listen on.", min=1, max=65535)] = 4242,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; 0.0.0.0 accepts every network, without a password.")
+        str,
+        typer.Option(help="Address to listen on; 0.0.0.0 accepts connections from every network, without a password."),
     ] = "127.0.0.1",
 ) -> None:
     """Serve the model and the posterior of a study over UM-Bridge (HTTP)."""

@@ -15,7 +15,9 @@ def specimen(
     study: Annotated[Path, typer.Argument(help="The programme file (TOML), which describes the specimen.")],
     secret_file: SecretFile = None,
     port: Annotated[int, typer.Option(help="Port to listen on; 0 selects a free port.", min=0, max=65535)] = 7700,
-    host: Annotated[str, typer.Option(help="Address to listen on; 127.0.0.1 is this machine only.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 127.0.0.1 accepts connections from this machine only.")
+    ] = "127.0.0.1",
     hold: Annotated[
         bool, typer.Option("--hold", help="Hold position after a test; do not unload the specimen for the next test.")
     ] = False,

@@ -1,4 +1,4 @@
-"""Parallel work on all cores with threads, which is possible because compiled code releases Python's global lock.
+"""Parallel work on all cores with threads, possible because compiled code releases the global interpreter lock.
 
 The threads belong to one process. A forked process starts its own threads.
 """
@@ -33,7 +33,7 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[], None], parts: int) -> None:
-    """Let every core take parts of the work until no part is left."""
+    """Run `work` in at most one thread per core; each thread takes parts of the work until none is left."""
     cores = cores_to_use()
     others = [_threads(cores - 1).submit(work) for _ in range(min(cores, parts) - 1)]
     work()

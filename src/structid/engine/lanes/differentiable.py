@@ -17,7 +17,7 @@ def differentiable_in_lanes(
     """Compile a density and its gradient to vector code where this is possible.
 
     Derivatives are propagated forward along all parameters at once, since parameters are few and histories long. Terms common
-    to all directions, such as the matrix of an equilibrium, are computed once.
+    to all directions, such as the matrix of a linear system, are computed once.
     """
 
     def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:

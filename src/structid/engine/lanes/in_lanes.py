@@ -32,7 +32,7 @@ NUMBERS_IN_A_LINE = 8
 """Doubles in a cache line of 64 bytes."""
 
 OF_ANOTHER_JAX = (KeyError, AttributeError)
-"""Errors that occur if another JAX version represents operations differently; JAX then runs the loop."""
+"""Errors of the translation if this JAX version represents operations differently; JAX then runs the loop."""
 
 _log = logging.getLogger(__name__)
 
@@ -142,7 +142,7 @@ class _Bound:
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> _Bound:
-        """Return a copy of the function in which another array replaces a constant."""
+        """Return a copy of the compiled function with the constant array `old` replaced by `new`."""
         result = copy.copy(self)
         result.kernel = self.kernel.with_array(old, new)
         return result
@@ -188,7 +188,7 @@ class _Bound:
 
 
 def _row_length(runs: int) -> int:
-    """Return the padded length of a row that holds one number per run.
+    """Return the padded length of an array row that holds one number per run.
 
     The length is an odd number of cache lines, because rows at power-of-two distances would evict each other from the cache.
     """
@@ -197,7 +197,7 @@ def _row_length(runs: int) -> int:
 
 
 def _empty(rows: int, length: int) -> np.ndarray:
-    """Return rows that start at a cache line, so that different blocks never write to the same line."""
+    """Return an array whose rows start at a cache line, so that different blocks never write to the same line."""
     memory = np.empty(rows * length + NUMBERS_IN_A_LINE)
     first = -memory.ctypes.data // memory.itemsize % NUMBERS_IN_A_LINE
     return memory[first : first + rows * length].reshape(rows, length)
@@ -219,7 +219,7 @@ class _Output:
         return bool if self.truths else float
 
     def taken_from(self, buffers: tuple[np.ndarray, np.ndarray], count: int) -> np.ndarray:
-        """Read the array for a given number of runs from the buffers."""
+        """Read the returned array from the buffers, for the first `count` runs."""
         rows = buffers[self.buffer][self.first : self.first + math.prod(self.shape), :count]
         result = rows[0] if not self.shape else rows.reshape(*self.shape, count)
         if self.axis != len(self.shape):

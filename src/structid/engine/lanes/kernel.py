@@ -1,4 +1,4 @@
-"""LLVM text of a compiled function of many runs: an outer loop over blocks of runs, and inside it the function of one run."""
+"""LLVM code of a function of many runs: an outer loop over blocks of runs, and inside it the function of one run."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SIGNATURE = (
 )
 """Arguments of the compiled function.
 
-In arguments, results and histories the run axis comes last, with length `stride`. Signals have the block first and the lane last.
-Threads take blocks from a common counter."""
+In arguments, results and histories the run axis comes last, with length `stride`. In signals the block axis comes first
+and the lane axis last. Each thread takes its next block from a counter that all threads share."""
 
 LINE_OF_CACHE = 64
-"""Size of a cache line [byte]. Spilled registers are aligned to it. Otherwise three in four stacks would make each load and
-store touch two lines."""
+"""Size of a cache line [byte]. The stack is aligned to it, so that a register spilled to the stack lies within one
+line. With the default alignment, many of these registers would lie across two lines."""
 
 LARGEST_STACK = 1 << 17
 """Largest number of doubles for histories on a thread's stack: one megabyte."""
@@ -37,9 +37,9 @@ LARGEST_STACK = 1 << 17
 
 @dataclass(frozen=True)
 class Kernel:
-    """A function of many runs as LLVM text, with its memory layout."""
+    """LLVM code of a function of many runs, with its memory layout."""
 
-    text: str  # LLVM text
+    text: str  # LLVM code
     width: int  # runs in a block
     shared: np.ndarray  # numbers that all runs share
     # Location of each output: a history, or consecutive rows of the results
@@ -50,16 +50,16 @@ class Kernel:
     arrays: dict[bytes, int]  # position of each long array among the shared numbers
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
-        """Replace the only long array by another array of the same shape."""
+        """Return a copy with the only long array replaced by another array of the same shape."""
         [(held, first)] = self.arrays.items()
-        assert held == old.tobytes(), "the table contains the array unchanged"
+        assert held == old.tobytes(), "the table must contain the old array unchanged"
         shared = self.shared.copy()
         shared[first : first + new.size] = new.reshape(-1)
         return replace(self, shared=shared)
 
 
 def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
-    """Write a function of one run as a function of many runs."""
+    """Translate a function of one run to LLVM code for many runs."""
     code = VectorCode(width)
     translator = Translator(code)
     theta, *signals = (v.aval for v in function.invars)
@@ -122,7 +122,7 @@ def _in_memory(
 
 
 class _Memory:
-    """Memory of histories: returned histories in a buffer, others on the stack of the thread that computes a block."""
+    """Memory for histories: a buffer for returned or large histories, and the stack of each thread for the others."""
 
     def __init__(self, translator: Translator, returned: set[int]) -> None:
         self._translator, self.rows = translator, 0
@@ -136,7 +136,7 @@ class _Memory:
 
     @property
     def entry(self) -> list[str]:
-        """Text at the start of the function: base and row distance of every history."""
+        """LLVM code at the start of the function: base address and row spacing of every history."""
         code, lines = self._translator.code, [f"  %each_signal = add i64 {self._translator.code.width}, 0"]
         for number, rows in enumerate(self._translator.kept):
             if number in self._first:
@@ -149,7 +149,7 @@ class _Memory:
         return lines
 
     def of_block(self, block: str, column: str, signals: int) -> list[str]:
-        """Text at the start of a block: addresses of its first run."""
+        """Return LLVM code for the start of a block: the position of its first run in every history."""
         code, shared = self._translator.code, self._translator.shared
         of_block = code.name("n")
         lines = [f"  {of_block} = mul i64 {block}, {shared.length(signals)}"]

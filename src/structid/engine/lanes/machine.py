@@ -1,7 +1,7 @@
-"""Compilation of LLVM text to a function for this machine, with a cache on disk.
+"""Compilation of LLVM code to a function for this machine, with a cache on disk.
 
-LLVM comes with llvmlite, Numba's Python binding, so no compiler is needed. If llvmlite is missing, JAX runs the loops, and
-`why_not` returns the reason.
+LLVM comes with llvmlite, Numba's Python binding, so no separate compiler is needed. If llvmlite is missing, JAX runs
+the loops, and `why_not` returns the reason.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from pathlib import Path
 from structid.core.cores import cache_folder
 
 ARITHMETIC = 1
-"""Version of the arithmetic of compiled loops; it changes if any last digit of a result changes."""
+"""Version of the arithmetic of compiled loops; it increases if any result changes, even in the last digit."""
 
 LEAST_LLVM = 20
 """Oldest LLVM version that can read the output of `vector_code`."""
 
 _POINTERS, _WHOLE_NUMBERS = 6, 2
-"""Numbers of pointer and integer arguments of a kernel; see `kernel.SIGNATURE`."""
+"""Number of pointer arguments and of integer arguments of a kernel; see `kernel.SIGNATURE`."""
 
 _lock = threading.Lock()
 
@@ -81,7 +81,7 @@ class _Machine:
         self.loaded: dict[str, Callable[..., None]] = {}
 
     def object_code(self, text: str) -> bytes:
-        """Compile LLVM text to object code."""
+        """Compile LLVM code to object code."""
         passes_level, code_level = levels(text)
         target = self.llvm.Target.from_default_triple().create_target_machine(
             cpu=self.processor, features=self.features, opt=code_level, reloc="pic", codemodel="default"
@@ -113,20 +113,20 @@ def _machine() -> _Machine:
 
 
 def engine() -> str:
-    """Return the name of the engine that runs loops over time here. Stores record it: engines differ in the last digits."""
+    """Return the name of the engine for loops over time; stores record it, since results differ in the last digits."""
     return "jax" if why_not() else f"lanes {ARITHMETIC}"
 
 
 LARGEST_DOUBLE_STATE = 11
-"""Largest state, in numbers, for which each number has two registers. Measured effect of two registers on the computing time:
-NARX recursion (11 numbers) −1/3, four-storey frame (12 numbers) +1/5, eight-storey frame (24 numbers) +1/3."""
+"""Largest number of state variables for which each variable has two registers. Measured change of the computing time
+with two registers: NARX recursion (11 variables) −1/3, four-storey frame (12) +1/5, eight-storey frame (24) +1/3."""
 
 
 def lanes(state: int = 1) -> int:
     """Return the number of runs in a block.
 
-    Each number has two vector registers, so that a core can start an operation before the previous one ends. In a larger state
-    each number has one register, since twice as many registers would spill to memory.
+    Each state variable has two vector registers, so that a core can start an operation before the previous one ends. In
+    a larger state each variable has one register, since twice as many registers would spill to memory.
     """
     in_a_register = 8 if _machine().wide else 4
     return in_a_register * (2 if state <= LARGEST_DOUBLE_STATE else 1)
@@ -155,7 +155,7 @@ def _file(name: str) -> Path:
 
 
 def _code(machine: _Machine, text: str, name: str) -> bytes:
-    """Return the object code of a text, from disk if it was compiled before."""
+    """Return the object code for LLVM code, from disk if it was compiled before."""
     return _from_disk(name) or _kept(name, machine.object_code(text))
 
 
@@ -170,7 +170,7 @@ def _from_disk(name: str) -> bytes | None:
 
 
 def _kept(name: str, code: bytes) -> bytes:
-    """Store object code for later processes, completely or not at all."""
+    """Store object code on disk for later processes; a reader never sees a partly written file."""
     file = _file(name)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -30,7 +30,7 @@ class Signals:
         return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
     def in_blocks(self, width: int) -> Float[np.ndarray, "block time signal lane"]:
-        """Place the runs of a block next to each other, so that the block reads its samples in sequence."""
+        """Place the signals of the runs in a block side by side, so that the block reads its samples in sequence."""
         if width not in self._in_blocks:
             sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
             filled = np.pad(sets, (0, -len(sets) % width), mode="edge")

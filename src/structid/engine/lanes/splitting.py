@@ -1,4 +1,4 @@
-"""Division of a function between JAX and vector code: JAX first computes operations without vector code, such as modes."""
+"""Division of a function: JAX first computes operations without vector code, such as eigenvalues."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from structid.engine.vector_code.translation import ALONG_HISTORIES
 from structid.engine.vector_code.values import MOVES
 
 LARGEST = 256
-"""Largest array of one run on which vector code operates number by number; JAX computes products of larger arrays."""
+"""Largest array of one run for which vector code is written element by element; JAX operates on larger arrays."""
 
 AT_ONCE = (8, 16, 32, 64, 256)
-"""Numbers of runs in one call of JAX. Few shapes limit compilation; the matrices of more runs would exceed the caches."""
+"""Allowed numbers of runs in one call of JAX. Few sizes limit the number of compilations. The matrices of more runs
+would exceed the processor's caches."""
 
 
 def foreign_results(function: Function) -> list[Any]:
-    """Find results that depend on the numbers of a run and have no vector code."""
+    """Find intermediate results that depend on a run's parameters and have no vector code."""
     of_run: set[Any] = set(function.invars)
     after_loop: set[Any] = set()
     foreign: set[Any] = set()
@@ -76,7 +77,7 @@ def _has_code(loop: Any) -> bool:
 
 
 def _needed(function: Function, foreign: set[Any]) -> list[Any]:
-    """Return the foreign results that are used by operations with vector code."""
+    """Return those results computed by JAX that are used by operations with vector code."""
     needed = {atom for atom in function.outvars if not isinstance(atom, Literal)}
     for equation in function.eqns:
         if not foreign.intersection(equation.outvars):
@@ -108,7 +109,7 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
 
 
 def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """Compile a function of many runs for a few batch sizes only."""
+    """Compile a function of many runs for the batch sizes `AT_ONCE` only."""
     compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:

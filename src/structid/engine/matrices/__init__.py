@@ -1,1 +1,1 @@
-"""Products and solutions with dense or sparse matrices that all runs share, as loops that compile to vector code."""
+"""Matrix products and linear solves that compile to vector code, for dense and sparse matrices."""

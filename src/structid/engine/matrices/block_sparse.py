@@ -1,7 +1,7 @@
-"""Sparse products and solutions with one sparsity pattern for all runs; in vector code they are loops over the pattern.
+"""Sparse matrix products and linear solves with one sparsity pattern for all runs; vector code loops over the pattern.
 
-JAX has only dense products and LAPACK, for which vector code would include all zeros. A trace for vector code (`row_by_row`)
-therefore uses the primitives below, which the translator supports.
+In JAX these operations are dense, and their vector code would include all zeros. Inside `row_by_row`, which marks a
+trace for vector code, the primitives below replace them; the translator supports these primitives.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class BlockPattern:
 sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
 
 AXES = {sparse_times: (2,), block_times: (4, 2), block_solve: (4, 4, 2)}
-"""Number of axes of the operands for one direction. An additional first axis holds several directions of differentiation."""
+"""Number of axes of each operand; an additional first axis may hold several directions of differentiation."""
 
 
 def _define(primitive: Any, rows_of: Callable[..., int]) -> None:

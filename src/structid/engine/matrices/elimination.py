@@ -10,7 +10,7 @@ from jaxtyping import Int
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Positions of the blocks including fill-in, and the operations of LU without pivoting."""
+    """Positions of the blocks including fill-in, and the operations of an LU factorisation without pivoting."""
 
     order: Int[np.ndarray, " size"]  # unknowns in the order of elimination
     diagonal: Int[np.ndarray, " size"]  # positions of the diagonal blocks, in the order of elimination

@@ -18,7 +18,7 @@ _row_by_row = ContextVar("row by row", default=False)
 
 @contextlib.contextmanager
 def row_by_row() -> Iterator[None]:
-    """Trace products inside this context as loops over rows."""
+    """Trace matrix products in this context as loops over rows."""
     token = _row_by_row.set(True)
     try:
         yield
@@ -32,7 +32,7 @@ def in_rows() -> bool:
 
 
 COLUMNS = 6
-"""Number of columns that a loop over rows multiplies at once, so that their sums stay in registers."""
+"""Number of columns of a product that one loop over rows computes, so that their sums stay in registers."""
 
 
 def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"]) -> Float[Array, "run column"]:
@@ -45,7 +45,7 @@ def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"])
 def product_of(
     columns_of: Callable[[Any], Any], rows: Float[Array, "row ..."], matrix: Float[Array, "row column"]
 ) -> Float[Array, "run column"]:
-    """Compute X B inside JAX; a function returns the columns of X for given rows of B."""
+    """Compute X B inside JAX; `columns_of` computes the columns of X from `rows`, one row for each row of B."""
     if not _row_by_row.get():
         return columns_of(rows) @ matrix
     _, columns = lax.scan(lambda _, row: (None, columns_of(row[None])[:, 0]), None, rows)
@@ -53,7 +53,7 @@ def product_of(
 
 
 def _by_rows(columns: Any, matrix: Any) -> Any:
-    """Compute X B from the columns of X, (row, run)."""
+    """Compute X B by loops over the rows of B; `columns` is Xᵀ, shape (row, run)."""
     (rows, count), runs = matrix.shape, columns.shape[1]
     padded = jnp.pad(matrix, ((0, 0), (0, -count % COLUMNS)))
     blocks = padded.reshape(rows, -1, COLUMNS).transpose(1, 0, 2)

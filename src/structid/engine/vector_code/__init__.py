@@ -1,1 +1,1 @@
-"""Translation of JAX's list of primitive operations to vector code for LLVM."""
+"""Translation of a jaxpr, JAX's list of primitive operations, to LLVM code on SIMD vectors."""

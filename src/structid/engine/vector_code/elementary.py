@@ -18,14 +18,15 @@ LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 """log 2 in two parts; the first part has so few digits that its products with integers up to 2048 are exact."""
 
 LARGEST_EXPONENT, SMALLEST_EXPONENT = 710.0, -707.0
-"""Limits of the argument. Above the first limit, and slightly below it, the exponential is infinite: at e⁷¹¹ the bits of 2ᵏ⁻¹
-would overflow. Below the second limit, at 1e-307, it is zero."""
+"""Limits of the argument of the exponential. Arguments above the first limit are set to it, since at 711 the bits of
+2ᵏ⁻¹ would overflow; the exponential is infinite there. Below the second limit, where the exponential is about 1e-307,
+the result is zero."""
 
 TO_WHOLE = 1.5 * 2.0**52
-"""Constant that rounds a number of moderate size to an integer when added to it; the last bits of the sum are the integer."""
+"""Constant whose sum with a number of moderate size has the number, rounded to an integer, in its last bits."""
 
 TO_EXPONENT = TO_WHOLE + 1022.0
-"""`TO_WHOLE`, increased so that the bits of the integer k, shifted to the exponent, represent 2ᵏ⁻¹."""
+"""`TO_WHOLE` plus 1022, so that the bits of the rounded number k, shifted to the exponent field, represent 2ᵏ⁻¹."""
 
 SERIES_OF_EXPONENTIAL = (
     1.0,
@@ -118,7 +119,7 @@ def _multiply_add(code: VectorCode, a: Number, b: Number, c: Number) -> Register
 
 
 def _polynomial(code: VectorCode, coefficients: Sequence[Number], x: Number) -> Number:
-    """Return Σ cᵢ xⁱ by Estrin's scheme, which combines pairs so that few operations depend on each other."""
+    """Return Σ cᵢ xⁱ by Estrin's scheme, which combines pairs of terms so that few operations wait for each other."""
     while len(coefficients) > 1:
         pairs = [coefficients[i : i + 2] for i in range(0, len(coefficients), 2)]
         coefficients = [_multiply_add(code, pair[1], x, pair[0]) if len(pair) == 2 else pair[0] for pair in pairs]

@@ -11,7 +11,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 from jax.lax import slice_p, squeeze_p
 
 CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
-"""Primitives that call a function, and the parameter that contains the function."""
+"""Primitives that call a function, and for each the name of the parameter that contains the function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Operation:
 
 @dataclass(frozen=True)
 class Function:
-    """A function with all calls inlined; loop bodies stay separate."""
+    """A traced function in which all calls of other functions are inlined; loop bodies stay separate."""
 
     invars: Sequence[Any]  # arguments
     outvars: Sequence[Any]  # results
@@ -52,7 +52,7 @@ class Function:
         return cls(body.invars, outvars, list(constants), list(constants.values()), operations)
 
     def given(self, value: Any) -> Function:
-        """Turn the last argument into a constant."""
+        """Return a copy in which the last argument is a constant with this value."""
         *arguments, last = self.invars
         return replace(self, invars=arguments, constvars=[*self.constvars, last], consts=[*self.consts, value])
 
@@ -96,13 +96,13 @@ def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Re
 
 
 def largest_state(function: Function) -> int:
-    """Return the largest number of values that a loop of the function carries between passes."""
+    """Return the largest number of values that a loop of the function carries from one iteration to the next."""
     loops = [operation.params for operation in function.eqns if operation.primitive.name == "scan"]
     return max((sum(math.prod(aval.shape) for aval in _carried(loop)) for loop in loops), default=0)
 
 
 def _carried(loop: dict[str, Any]) -> list[Any]:
-    """Return the shapes of the values that a loop carries."""
+    """Return the shapes of the arrays that a loop carries from one iteration to the next."""
     _, carried = constants_and_carried(loop)
     return list(loop["jaxpr"].out_avals[:carried])
 

@@ -1,6 +1,6 @@
 """Vector code of JAX's primitive operations, with tables for arithmetic, rearrangement and reduction.
 
-An array is a NumPy array whose elements are constants or registers of the code.
+An array of the function is represented by a NumPy array whose elements are constants or registers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Parameters = Mapping[str, Any]
 
 
 class UntranslatableError(Exception):
-    """Error of an operation in a loop over time that has no vector code; JAX then runs the loop."""
+    """Error raised for an operation without vector code in a loop over time; JAX then runs the loop."""
 
 
 # --- arithmetic -----------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def _product(code: VectorCode, x: Number, times: int) -> Number:
 
 def _power(code: VectorCode, _: Parameters, x: Number, exponent: Number) -> Number:
     if isinstance(exponent, Register):
-        raise UntranslatableError("a power whose exponent is not a fixed number")
+        raise UntranslatableError("a power with a variable exponent")
     if float(exponent).is_integer() and abs(exponent) <= 64:
         return _product(code, x, int(exponent))
     # xᵃ = exp(a log x) is 0 for x = 0 and NaN for negative x

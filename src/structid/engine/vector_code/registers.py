@@ -11,7 +11,7 @@ from typing import Any
 class Register:
     """A number that is known only at run time."""
 
-    name: str  # name in the text
+    name: str  # name in the LLVM code
     kind: str  # LLVM type
     lanes: bool  # whether each lane has its own value
 
@@ -21,7 +21,7 @@ Number = float | bool | int | Register
 
 
 def constant(number: Any, kind: str) -> str:
-    """Write a constant exactly, to the last bit."""
+    """Return a constant as an LLVM literal that is exact to the last bit."""
     if kind == "double":
         return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
     return ("true" if number else "false") if kind == "i1" else str(int(number))

@@ -1,4 +1,4 @@
-"""Table of the numbers that all runs share. It is passed to the kernel, so other values and longer rows need no new code."""
+"""Table of the numbers that all runs share; the kernel receives it, so that new values need no new compilation."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from structid.engine.vector_code.vector_code import VectorCode
 
 
 class SharedNumbers:
-    """The table of shared numbers, and the text that reads it.
+    """The table of shared numbers, and the LLVM code that reads it.
 
-    The first numbers are addressed by position in the text. They include the positions and lengths of the long arrays, which
-    follow.
+    The first part of the table has fixed positions in the LLVM code. It includes the positions and lengths of the long
+    arrays, which form the second part.
     """
 
     def __init__(self, code: VectorCode) -> None:
@@ -39,7 +39,7 @@ class SharedNumbers:
         return dict(zip(self._rows, np.cumsum(lengths).tolist(), strict=False))
 
     def loaded(self, values: np.ndarray) -> list[Register]:
-        """Load an array number by number, once, at the start of the function."""
+        """Load each number of an array into a register, once, at the start of the function."""
         flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
         first = self._places.setdefault(flat.tobytes(), len(self._numbers))
         if first == len(self._numbers):
@@ -61,13 +61,13 @@ class SharedNumbers:
         return self._whole_number(flat.tobytes())
 
     def at(self, place: str, count: int) -> list[Register]:
-        """Load a count of numbers from a position at the current point of the code."""
+        """Load `count` consecutive numbers, starting at position `place` of the table."""
         code = self._code
         places = [code.address("%shared", code.whole("add", place, index)) for index in range(count)]
         return [code.load(at, lanes=False) for at in places]
 
     def _whole_number(self, key: bytes | tuple[int, int]) -> str:
-        """Return the name of a length or position; its value is known when the table is complete."""
+        """Return the register name of a length or position, whose value is known only when the table is complete."""
         if key not in self._whole:
             position = len(self._numbers)
             self._whole[key] = position, self._code.load_once("%shared", position, "i64").name

@@ -1,4 +1,4 @@
-"""Numbers in memory during a loop: numbers that change from pass to pass, and small tables."""
+"""Numbers that a loop keeps in memory: numbers that change in each iteration, and small tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from structid.engine.vector_code.vector_code import VectorCode
 
 
 class Slots:
-    """An array of numbers that change from pass to pass of a loop, separately for each lane."""
+    """An array in memory that changes in each iteration of a loop, with separate values for each lane."""
 
     def __init__(self, code: VectorCode, start: Array) -> None:
         self._code, self._shape = code, start.shape

@@ -1,4 +1,4 @@
-"""Sparse products and solutions as vector code, with loops over positions and numbers in memory."""
+"""Vector code for sparse matrix products and linear solves: loops over nonzero positions, with numbers in memory."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from structid.engine.vector_code.vector_code import FLAGS, VectorCode
 
 
 class _Writer:
-    """Writer of loops over positions, with numbers in memory."""
+    """Writer of vector code that loops over the positions of nonzero blocks and keeps numbers in memory."""
 
     def __init__(self, code: VectorCode, shared: SharedNumbers) -> None:
         self.code, self.shared = code, shared
 
     def table(self, places: np.ndarray) -> str:
-        """Put integers into the table of shared numbers, and return the name of the first integer's position."""
+        """Append integers to the table of shared numbers; return the register name of the first integer's position."""
         return self.shared.place(np.ascontiguousarray(places, dtype=np.int64).view(np.float64))
 
     def entry(self, table: str, at: str | int) -> str:
-        """Return the name of an integer in a table."""
+        """Load one integer of a table, and return its register name."""
         code = self.code
         address = code.address("%shared", code.whole("add", table, at))
         return code.load(address, lanes=False, kind="i64").name
 
     def memory(self, numbers: Sequence[Number] | int) -> str:
-        """Reserve memory for a count of numbers, or for given numbers."""
+        """Reserve memory and return its address; `numbers` is a count, or a sequence of numbers to store."""
         if isinstance(numbers, int):
             return self.code.slot(lanes=True, count=numbers)
         address = self.code.slot(lanes=True, count=len(numbers))
@@ -44,7 +44,7 @@ class _Writer:
         return address
 
     def of(self, value: Value, numbers: Any) -> str:
-        """Return memory with the numbers of an array."""
+        """Return the address of an array in memory; copy the array to memory if necessary."""
         return value.place if isinstance(value, InThreadMemory) else self.memory(list(numbers(value).reshape(-1)))
 
     def load(self, base: str, at: str | int) -> Number:
@@ -123,7 +123,7 @@ class _Writer:
             self.store(0.0, base, at)
 
     def between(self, firsts: str, at: str) -> tuple[str, str]:
-        """Return the start and the count of the list entries that belong to one index."""
+        """Return the position of the first list entry of one index, and the number of its entries."""
         begin = self.entry(firsts, at)
         return begin, self.code.whole("sub", self.entry(firsts, self.code.whole("add", at, 1)), begin)
 
@@ -155,7 +155,7 @@ def written(
     numbers: Any,
     shape: tuple[int, ...],
 ) -> Array:
-    """Write one of the sparse operations as vector code."""
+    """Write the vector code of a sparse primitive, and return its result."""
     writer, rows, directions = _Writer(code, shared), shape[-2], math.prod(shape[:-2])
     operands = []
     for value, axes in zip(taken, AXES[primitive], strict=True):
@@ -232,7 +232,7 @@ def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str)
 
 
 def _substituted(writer: _Writer, pattern: BlockPattern, right: str, x: str, factors: str) -> None:
-    """Write the forward and backward substitution."""
+    """Write the code of the forward and backward substitution."""
     plan, code = pattern.plan, writer.code
     with code.loop(2 * pattern.size) as at:
         writer.store(writer.load(right, at), x, at)

@@ -36,20 +36,21 @@ from structid.engine.vector_code.values import (
 from structid.engine.vector_code.vector_code import VectorCode
 
 LARGEST_ARRAY = 4096
-"""Largest array on which operations are written number by number."""
+"""Largest array for which operations are written element by element."""
 
 LARGEST_ROW = 256
-"""Largest part of a history on which operations are written number by number, and largest row of a shared array that is loaded
-completely."""
+"""Largest part of a history for which operations are written element by element; also the largest row of a shared array
+that is loaded into registers."""
 
 LARGEST_SHARED_ROW = 2048
-"""Largest row of a shared array on which operations are written number by number, for hundreds of components of 3 channels."""
+"""Largest row of a shared array for which operations are written element by element. It allows hundreds of components
+with 3 channels."""
 
 ALONG_HISTORIES = {"add", "sub", "mul", "div", "neg", "abs", "sqrt", "exp", "log", "square", "integer_pow"}
 """Arithmetic that becomes a loop if an operand is a whole history."""
 
 LONGEST_UNROLLED = 16
-"""Largest number of loop passes that is fixed in the text; a larger number is passed to the kernel."""
+"""Largest number of loop iterations that is a constant of the LLVM code; a larger number is passed to the kernel."""
 
 
 class Translator:
@@ -120,7 +121,7 @@ class Translator:
         raise UntranslatableError(f"the operation '{name}'")
 
     def numbers(self, value: Value) -> Array:
-        """Return the numbers of an array, for elementwise operations."""
+        """Return an array as constants and registers, for elementwise operations."""
         if isinstance(value, History):
             if size_of(value) > LARGEST_ROW:
                 raise UntranslatableError("arithmetic on a whole history")
@@ -132,10 +133,10 @@ class Translator:
             return array_of([self.code.load(address, lanes=True) for address in places], value.shape)
         if isinstance(value, SharedRow):
             if size_of(value) > LARGEST_SHARED_ROW:
-                raise UntranslatableError("arithmetic on a long row of an array")
+                raise UntranslatableError(f"arithmetic on an array row of more than {LARGEST_SHARED_ROW} numbers")
             return array_of(self.shared.at(value.place, size_of(value)), value.shape)
         if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
-            raise UntranslatableError(f"an array of {value.values.size} numbers of kind {value.values.dtype}")
+            raise UntranslatableError(f"operations on {value.values.size} numbers of type {value.values.dtype}")
         result = self.shared.loaded(value.values)
         if value.values.dtype == np.bool_:
             result = [self.code.operation("fcmp une", [number, 0.0], result="i1") for number in result]
@@ -172,7 +173,7 @@ class Translator:
         return [*(s.read() for s in state), *kept]
 
     def _while(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
-        """Write a loop that ends separately for each run: it continues while any lane needs it; finished lanes stay unchanged."""
+        """Write a loop that ends separately for each run; finished lanes stay unchanged until all lanes finish."""
         of_condition, of_body = parameters["cond_nconsts"], parameters["body_nconsts"]
         given, fixed = taken[:of_condition], taken[of_condition : of_condition + of_body]
         state = [Slots(self.code, self.numbers(x)) for x in taken[of_condition + of_body :]]
@@ -190,9 +191,10 @@ class Translator:
         return [s.read() for s in state]
 
     def _passes(self, length: int, series: Sequence[Value]) -> int | str:
-        """Return the number of passes of a loop, so that other records and designs need no new code.
+        """Return the number of iterations of a loop: an integer, or the name of a number that is passed to the kernel.
 
-        Short loops over short rows are unrolled, and their number of passes is part of the text.
+        A number passed to the kernel allows other records and designs without a new compilation. For short loops over
+        short rows the number is a constant of the LLVM code.
         """
         long_rows = any(size_of(x) > LARGEST_ROW * length for x in series)
         return self.shared.length(length) if length > LONGEST_UNROLLED or long_rows else length
@@ -203,16 +205,16 @@ class Translator:
             return lambda at: self._row_of_history(value, at)
         if isinstance(value, np.ndarray) and value.dtype == object:
             if value.size > LARGEST_ARRAY:
-                raise UntranslatableError(f"a loop through {value.size} numbers of each run")
+                raise UntranslatableError(f"a loop over an array of {value.size} numbers per run")
             return LookupTable(self.code, value).row
         if isinstance(value, InThreadMemory):
-            raise UntranslatableError(f"a loop through {size_of(value)} numbers of each run")
+            raise UntranslatableError(f"a loop over an array of {size_of(value)} numbers per run")
         if isinstance(value, SharedRow):
             first, shape = value.place, value.shape[1:]
         else:
             values = value.values if isinstance(value, Shared) else value
             if values.dtype != np.float64:
-                raise UntranslatableError(f"a loop through numbers of kind {values.dtype}")
+                raise UntranslatableError(f"a loop over an array of type {values.dtype}")
             first, shape = self.shared.place(values), values.shape[1:]
 
         size = math.prod(shape)
@@ -250,7 +252,7 @@ class Translator:
 
     def _history(self, length: int, shape: tuple[int, ...]) -> History:
         if self._depth:
-            raise UntranslatableError("a loop within the loop that keeps values")
+            raise UntranslatableError("a nested loop that stores a history")
         result = History(len(self.kept), (length, *shape))
         self.kept.append(size_of(result))
         return result

@@ -32,12 +32,12 @@ IN_NUMPY: dict[str, Callable[..., Any]] = {
     "convert_element_type": lambda parameters, x: x.astype(parameters["new_dtype"]),
     "reduce_sum": lambda parameters, x: x.sum(axis=tuple(parameters["axes"])),
 }
-"""Operations with equal results in NumPy and JAX: ``function(parameters, *arrays)``."""
+"""NumPy functions for operations that give equal results in NumPy and JAX: ``function(parameters, *arrays)``."""
 
 
 @dataclass(frozen=True)
 class Shared:
-    """An array that all runs share. Its numbers are not in the text, so new numbers need no new code."""
+    """An array that all runs share. Its numbers are not in the LLVM code, so new numbers need no new compilation."""
 
     values: np.ndarray  # The numbers
 
@@ -60,17 +60,17 @@ class History:
 
     @property
     def base(self) -> str:
-        """Name of the memory of the history."""
+        """Name of the register with the address of the history in memory."""
         return "%signals" if self.number == SIGNALS else f"%kept{self.number}"
 
     @property
     def each(self) -> str:
-        """Name of the distance between rows in memory."""
+        """Name of the register with the row spacing in memory."""
         return "%each_signal" if self.number == SIGNALS else f"%each{self.number}"
 
     @property
     def across(self) -> str:
-        """Name of the position of the first run of the current block."""
+        """Name of the register with the position of the current block's first run."""
         return "%across_signals" if self.number == SIGNALS else f"%across{self.number}"
 
 
@@ -83,10 +83,10 @@ class InThreadMemory:
 
 
 SIGNALS = -1
-"""Number that marks the signals passed for each run."""
+"""Value of `History.number` for the signals of each run, which the caller passes to the function."""
 
 Value = np.ndarray | Shared | SharedRow | History | InThreadMemory
-"""Constants in the text, shared numbers or a row of them, numbers in registers or memory, or a history."""
+"""An array: constants and registers, a shared array or a row of it, an array in thread memory, or a history."""
 
 
 def is_known(value: Value) -> bool:
@@ -105,7 +105,7 @@ def known_values(value: Any) -> np.ndarray:
 
 
 def flattened(value: Value) -> Value:
-    """View an array as one row of numbers."""
+    """Return an array with a single axis."""
     if isinstance(value, Shared):
         return Shared(value.values.reshape(-1))
     if isinstance(value, np.ndarray):
@@ -121,11 +121,11 @@ def array_of(numbers: Sequence[Number], shape: tuple[int, ...]) -> Array:
 
 
 MOVES = {"slice", "squeeze", "reshape", "expand_dims", "transpose", "broadcast_in_dim"}
-"""Operations that only change the addresses of a history's numbers."""
+"""Operations on a history that change only the addresses at which its numbers are read."""
 
 
 def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[int, ...]) -> History | None:
-    """Express a slice or reshape of a history by addresses."""
+    """Return a slice or rearrangement of a history as other addresses of the same memory, or None."""
     if name != "slice":
         order = parameters["permutation"] if name == "transpose" else ()
         longer = [axis for axis in order if history.shape[axis] > 1]
@@ -141,7 +141,7 @@ def moved(name: str, parameters: dict[str, Any], history: History, shape: tuple[
 
 
 def gathered(primitive: Any, parameters: dict[str, Any], numbers: Array, indices: np.ndarray) -> Array:
-    """Select numbers by indices known at compile time; JAX evaluates the selection on the positions of the numbers."""
+    """Select numbers by indices known at compile time; JAX applies the selection to the numbers' positions."""
     places = np.asarray(primitive.bind(np.arange(numbers.size).reshape(numbers.shape), indices, **parameters))
     if places.min(initial=0) < 0 or places.max(initial=0) >= numbers.size:
         raise UntranslatableError("indices beyond an array")

@@ -1,4 +1,4 @@
-"""Straight-line code on SIMD vectors, as LLVM text.
+"""Writer of LLVM code that operates on SIMD vectors.
 
 A number is either equal in all lanes (a `double`) or different in each lane (a vector). An operation on numbers that are equal in
 all lanes is computed once.
@@ -19,7 +19,7 @@ LLVM must not assume that numbers are finite, since a run that diverges must be 
 
 
 class VectorCode:
-    """LLVM text of one function under construction."""
+    """Builder of the LLVM code of one function."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -40,7 +40,7 @@ class VectorCode:
         return f"<{self.width} x {kind}>" if lanes else kind
 
     def operand(self, number: Number, kind: str, lanes: bool) -> str:
-        """Return the name of a number as an operand of this type."""
+        """Return a number as it appears as an operand in LLVM code: a literal or a register name."""
         if not isinstance(number, Register):
             written = constant(number, kind)
             return f"splat ({kind} {written})" if lanes else written
@@ -65,7 +65,7 @@ class VectorCode:
     def operation(
         self, words: str, numbers: Sequence[Number], kind: str = "double", result: str | None = None
     ) -> Register:
-        """Write an operation on numbers of one type."""
+        """Write an instruction whose operands have the same type."""
         lanes = any(isinstance(n, Register) and n.lanes for n in numbers)
         operands = ", ".join(self.operand(n, kind, lanes) for n in numbers)
         value = self.name()
@@ -142,7 +142,7 @@ class VectorCode:
         self.lines.append(f"  store {of} {written}, ptr {place}, align {8 if kind == 'double' else 1}")
 
     def slot(self, lanes: bool, count: int = 1, kind: str = "double") -> str:
-        """Reserve memory for numbers that change from pass to pass of a loop."""
+        """Reserve memory for numbers that change in each iteration of a loop."""
         address = self.name("slot")
         self.entry.append(f"  {address} = alloca [{count} x {self.type_of(kind, lanes)}], align 64")
         return address
@@ -162,7 +162,7 @@ class VectorCode:
 
     @contextmanager
     def shared_loop(self, counter: str, end: str) -> Iterator[str]:
-        """Repeat the code in the context for indices that several threads take from one counter."""
+        """Repeat the code in the context for the indices that this thread takes from a shared counter."""
         with self._numbered(f"atomicrmw add ptr {counter}, i64 1 seq_cst", end) as at:
             yield at
 
@@ -182,7 +182,7 @@ class VectorCode:
 
     @contextmanager
     def _numbered(self, taken: str, end: str) -> Iterator[str]:
-        """Write the passes of a loop while the index, read by the instruction `taken`, is below `end`."""
+        """Write a loop that continues while its index is below `end`; the instruction `taken` reads the index."""
         with self._passes() as body:
             at, more = self.name("i"), self.name("more")
             self.lines += [f"  {at} = {taken}", f"  {more} = icmp slt i64 {at}, {end}"]
@@ -191,7 +191,7 @@ class VectorCode:
 
     @contextmanager
     def _passes(self) -> Iterator[Callable[[str], None]]:
-        """Write the passes of a loop. The yielded function takes the name of a Boolean, ends the head and starts the body."""
+        """Write a loop. The yielded function takes the name of the loop condition and writes the branch to the body."""
         head, body, done = (self.name(w)[1:] for w in ("head", "body", "done"))
         self.lines += [f"  br label %{head}", f"{head}:"]
         self._splats.append({})

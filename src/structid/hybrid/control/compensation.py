@@ -1,8 +1,8 @@
 """Delay compensation: commands that allow for the delay of a transfer system.
 
-Sources: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the polynomial; Y. Chae,
-K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series; `AdaptiveTimeSeries`
-describes our changes.
+Sources: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the polynomial; Y.
+Chae, K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series. The
+docstring of `AdaptiveTimeSeries` describes the modifications.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 CUBIC_SLOPE, CUBIC_CURVATURE = np.array([11.0, -18.0, 9.0, -2.0]) / 6.0, np.array([2.0, -5.0, 4.0, -1.0])
-"""Weights for the derivatives at the last of four points of a cubic; unit spacing, last point first."""
+"""Weights of the first and second derivative of a cubic at the last of four points; unit spacing, last point first."""
 
 
 class Compensator(ABC):
-    """Compensation during one test, with its memory."""
+    """State of a delay compensation during one test."""
 
     @abstractmethod
     def commands(self, targets: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
@@ -33,7 +33,7 @@ class Compensator(ABC):
     def observe(  # noqa: B027 - most do not adapt
         self, commands: Float[np.ndarray, "sample channel"], measured: Float[np.ndarray, "sample channel"]
     ) -> None:
-        """Adapt to the measured response to commands."""
+        """Adapt the compensation to the measured response."""
 
 
 class Compensation(ABC):
@@ -68,10 +68,10 @@ class Compensation(ABC):
 
     @abstractmethod
     def gain(self, omega: float, delay: float) -> complex:
-        """Gain c/u: ratio of the command to the target for a harmonic motion.
+        """Return the gain c/u, the ratio of the command to the target for a harmonic motion.
 
-        With a transfer system of delay τ, the loop multiplies the specimen's force by G = gain · e^(−iωτ). This adds
-        Δζ ≈ p Im G/2 to the damping ratio of a mode if the specimen provides the fraction p of the modal stiffness.
+        Compensation and a delay of τ multiply the specimen's force by G = gain · e^(−iωτ). This adds Δζ ≈ p Im G/2 to
+        the damping ratio of a mode if the specimen provides the fraction p of the modal stiffness.
 
         Parameters
         ----------
@@ -92,8 +92,9 @@ class Compensation(ABC):
 class PolynomialExtrapolation(Compensation):
     """Extrapolation of a polynomial through past targets by the delay: c(t) = Σ_i a_i u(t − i τ), i = 0 … n.
 
-    a_i = (−1)^i C(n+1, i+1); for n = 3: 4, −6, 4, −1. The loop factor is G = 1 − (1 − e^(−iθ))^(n+1) with θ = ωτ. It adds damping
-    up to θ = π/2 (n = 3) or π/3 (n = 2), and removes damping for n = 0 and 1. Noise grows by √Σ a_i², 8.3 for n = 3.
+    a_i = (−1)^i C(n+1, i+1); for n = 3: 4, −6, 4, −1. The loop factor is G = 1 − (1 − e^(−iθ))^(n+1) with θ = ωτ. This
+    factor adds damping for θ up to π/2 (n = 3) or π/3 (n = 2); for n = 0 and 1, it removes damping. Noise grows by
+    √Σ a_i², 8.3 for n = 3.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ class PolynomialExtrapolation(Compensation):
         return _Extrapolator(self.weights, self.delay / controller_step, channels)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Gain Σ_k a_k e^(−ikωτ′) with the delay τ′ of the settings; see `Compensation.gain`."""
+        """Return the gain Σ_k a_k e^(−ikωτ′), where `delay` in the settings is τ′; see `Compensation.gain`."""
         turns = np.exp(-1j * omega * self.delay * np.arange(self.order + 1))
         return complex(self.weights @ turns)
 
@@ -145,13 +146,13 @@ class _Extrapolator(Compensator):
 
 
 class _Past:
-    """Past targets, zero before the first one; interpolated linearly between controller steps."""
+    """Buffer of past targets, which are zero before the test and interpolated linearly between controller steps."""
 
     def __init__(self, lags: np.ndarray, channels: int) -> None:
         self.lags, self.kept = lags, np.zeros((int(np.ceil(lags[-1])) + 2, channels))
 
     def before(self, targets: np.ndarray) -> np.ndarray:
-        """Targets `lags` controller steps before each new target, shape (sample, lag, channel)."""
+        """Return the targets `lags` controller steps before each new target, shape (sample, lag, channel)."""
         first = len(self.kept)
         history = np.concatenate([self.kept, targets])
         self.kept = history[len(targets) :]
@@ -166,11 +167,12 @@ class _Past:
 class AdaptiveTimeSeries(Compensation):
     """A Taylor series whose coefficients are estimated during the test: c = a₀ u + a₁ u′ + ½ a₁² u″.
 
-    In a moving window, a₀ and a₁ fit past commands to measured displacements and their rates by least squares. The original form
-    is sensitive to noise: with 5 µm at λ = 10 it estimates 5 ms instead of 29 ms. Commands and measurements therefore pass
-    through the same causal Butterworth filter, whose delay cancels in the fit. The coefficient of u″ follows from a₁, and windows
-    and filters are in *simulated* time. u′ and u″ are derivatives of the cubic through four values at the spacing of the measured
-    delay. Differences of controller steps would turn the small jumps at the end of coarse steps into spikes.
+    In a moving window, a least-squares fit of past commands to measured displacements and their rates gives a₀ and a₁.
+    The published method is sensitive to noise: with 5 µm of noise and λ = 10, it estimates a delay of 5 ms instead of
+    29 ms. Commands and measurements therefore pass through the same causal Butterworth filter, whose delay cancels in
+    the fit. The coefficient of u″ follows from a₁. Window and filter are defined in *simulated* time. u′ and u″ are
+    derivatives of the cubic through four values, spaced by the measured delay. Differences of controller steps would
+    turn the small jumps at the end of coarse steps into spikes.
 
     Parameters
     ----------
@@ -212,7 +214,7 @@ class AdaptiveTimeSeries(Compensation):
         return _Adapting(self, channels, controller_step, time_scale)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Gain 1 + τ D₁(ω) + ½ τ² D₂(ω) of a series that has identified the delay; see `Compensation.gain`."""
+        """Return the gain 1 + τ D₁(ω) + ½ τ² D₂(ω) after the delay has been identified; see `Compensation.gain`."""
         spacing = self.delay
         turns = np.exp(-1j * omega * spacing * np.arange(4))
         share = delay / spacing
@@ -220,7 +222,7 @@ class AdaptiveTimeSeries(Compensation):
 
 
 class _Adapting(Compensator):
-    """Adaptive time series during a test, separate for each channel."""
+    """State of an adaptive time series during a test, with separate coefficients for each channel."""
 
     def __init__(self, settings: AdaptiveTimeSeries, channels: int, step: float, scale: float) -> None:
         self.settings, self.step = settings, step
@@ -246,7 +248,7 @@ class _Adapting(Compensator):
         return np.asarray(amplitude * targets + lead * rate + 0.5 * lead**2 * curvature)
 
     def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:
-        """Refit the coefficients in the window; see `Compensator.observe`."""
+        """Refit the coefficients to the data in the window; see `Compensator.observe`."""
         for command, position in zip(commands, measured, strict=True):
             filtered = self._filtered(0, command)
             filtered_position = self._filtered(1, position)

@@ -20,7 +20,7 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 GRID = 4000
-"""Number of frequencies at which eigenvalues are computed, before roots between these frequencies are refined."""
+"""Number of frequencies in the initial grid, before roots between them are refined."""
 HIGHEST = 3.0
 """Highest frequency examined, relative to the highest natural frequency."""
 INERTIA_ALONE = 30.0
@@ -45,7 +45,7 @@ class CriticalDelay:
 
 @check_arguments
 def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -> CriticalDelay:
-    """Critical delay of one degree of freedom.
+    """Return the critical delay of a structure with one degree of freedom.
 
     With p the specimen's fraction of the stiffness and x = Ω/ω::
 
@@ -53,7 +53,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
     """
     if not frequency > 0.0 or damping_ratio < 0.0 or not 0.0 < share <= 1.0:
         came = f"ω = {frequency:g} rad/s, ζ = {damping_ratio:g}, p = {share:g}"
-        raise InputError("critical_delay", came, "ω above 0, ζ of 0 or more, p above 0 and up to 1")
+        raise InputError("critical_delay", came, "ω > 0, ζ ≥ 0 and 0 < p ≤ 1")
     # x⁴ + 2 b x² + c = 0 with b = 2ζ² − 1 + p and c = 1 − 2p; the oscillation at the larger root loses its damping first.
     b, c = 2.0 * damping_ratio**2 - 1.0 + share, 1.0 - 2.0 * share
     inner = b * b - c
@@ -67,7 +67,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
 
 @check_arguments
 def critical_lag(frequency: float, damping_ratio: float) -> float:
-    """Critical time constant of a first-order lag, if the specimen provides all of the stiffness: (2ζ/ω)/(1 − 4ζ²)."""
+    """Return the critical time constant of a first-order lag, (2ζ/ω)/(1 − 4ζ²), if all stiffness is the specimen's."""
     left = 1.0 - 4.0 * damping_ratio**2
     return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
 
@@ -81,13 +81,13 @@ def critical_delay_of(
 ) -> CriticalDelay:
     """Critical delay of a whole structure: the smallest τ > 0 with det(−Ω²M + iΩC + K_N + K_P e^(−iΩτ)) = 0 for some Ω.
 
-    At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ; this is a delay if |μ| = 1.
+    At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ; a real delay τ requires |μ| = 1.
     """
     squares = scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True)
     grid = np.linspace(0.0, HIGHEST * np.sqrt(squares.max()), GRID + 1)[1:]
 
     def ratios(omega: np.ndarray) -> np.ndarray:
-        """μ at several Ω, the largest first, shape (frequency, dof)."""
+        """Return the eigenvalues μ at each Ω, the largest magnitude first, shape (frequency, dof)."""
         w = omega[:, None, None]
         dynamic = -(w**2) * mass + 1j * w * damping + numerical
         values = np.linalg.eigvals(np.linalg.solve(dynamic, np.broadcast_to(physical, dynamic.shape).astype(complex)))

@@ -33,7 +33,7 @@ class Motion:
     def path(
         self, start: Float[np.ndarray, " channel"], end: Float[np.ndarray, " channel"]
     ) -> Float[np.ndarray, "sample channel"]:
-        """Targets at the controller steps of a move."""
+        """Return the target at each controller step of a move."""
         share = np.minimum(np.arange(1, self.samples + 1) / self.ramp, 1.0)
         if not self.continuous:
             share = share**2 * (3.0 - 2.0 * share)
@@ -41,12 +41,12 @@ class Motion:
 
     @property
     def peak_rate(self) -> float:
-        """Largest displacement in a controller step, relative to the whole move; in a ramp, 1.5 times the mean."""
+        """Largest fraction of a move in one controller step; in a smooth ramp, about 1.5 times the mean."""
         return float(np.abs(np.diff(self.path(np.zeros(1), np.ones(1)), axis=0, prepend=0.0)).max())
 
 
 def controller_steps(wall_time: float, controller_step: float, what: str) -> int:
-    """Number of controller steps in a wall time."""
+    """Return the number of controller steps in an interval of wall time."""
     count = wall_time / controller_step
     if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
         raise InputError(
@@ -59,7 +59,7 @@ def controller_steps(wall_time: float, controller_step: float, what: str) -> int
 
 
 def continuous_motion(wall_time: float, controller_step: float) -> Motion:
-    """Motion that lasts until the end of its step, for a fine specimen."""
+    """Return a motion without a hold, for a specimen on the fine step."""
     count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
     return Motion(count, count, 1)
 
@@ -69,7 +69,7 @@ ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:
-    """Motion with a ramp and a hold, for a specimen on the coarse step."""
+    """Return a motion with a ramp and a hold, for a specimen on the coarse step."""
     count = controller_steps(wall_time, controller_step, "a step of the specimen")
     if count < LEAST_OF_A_RAMP:
         came = f"{wall_time:g} s of wall time, or {count} controller steps"

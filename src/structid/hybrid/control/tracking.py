@@ -81,9 +81,9 @@ def largest_secant(
 ) -> float:
     """Largest stiffness of the specimen along its path, relative to K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
-    Secants connect points at a distance of a tenth of the peak or more, and far above the noise. A secant that reverses direction
-    has passed a turning point, where a hysteretic force differs at equal displacements; it is omitted. The possible contribution of
-    force noise is subtracted.
+    Each secant is at least as long as a tenth of the peak displacement and 100 times the noise. Secants across a
+    turning point are omitted, because a hysteretic force differs there at equal displacements. The likely maximum
+    contribution of force noise is subtracted.
     """
     peak = float(np.abs(measured).max(initial=0.0))
     noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0

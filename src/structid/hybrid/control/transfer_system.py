@@ -73,7 +73,7 @@ class Sensor:
 @check_arguments
 @dataclass(frozen=True)
 class Actuator:
-    """A channel that follows its command: stroke limit, pure delay τ, first-order lag T_a, velocity limit.
+    """An actuator with a stroke limit, a pure delay τ, a first-order lag T_a and a velocity limit.
 
         u_m′ = (c(t − τ) − u_m)/T_a
 
@@ -117,7 +117,7 @@ class Actuator:
 
 
 class TransferSystem:
-    """Actuators that follow paths, one value per controller step."""
+    """Actuators and sensors of all channels; a path has one value per controller step."""
 
     def __init__(
         self, actuators: tuple[Actuator, ...], controller_step: float = CONTROLLER_STEP, seed: int = 0
@@ -129,7 +129,7 @@ class TransferSystem:
         self._pistons = [_Piston(actuator, controller_step) for actuator in actuators]
 
     def followed(self, path: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-        """Positions of the actuators along a path."""
+        """Return the positions of the actuators along a path."""
         return np.stack([p.followed(path[:, k]) for k, p in enumerate(self._pistons)], axis=1)
 
     def seen(

@@ -1,4 +1,4 @@
-"""Interface of couplings, by which two parts move as one structure."""
+"""Interface of coupling methods, which make two parts move as one structure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.hybrid.coupling.operator_splitting import OperatorSplitting, PartS
 from structid.hybrid.substructures.substructure import Substructure
 
 WORST_CONDITION = 1e14
-"""Largest condition number of an interface operator."""
+"""Largest accepted condition number of an interface operator."""
 
 
 class CoupledState(NamedTuple):
@@ -90,7 +90,7 @@ class Coupling(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Joined(ABC):
-    """Two coupled parts with their coarse step."""
+    """Two coupled parts, which advance together by coarse steps."""
 
     coarse: OperatorSplitting  # part A, with the step Δt
     fine: OperatorSplitting  # part B, with ss steps of h = Δt/ss
@@ -108,7 +108,7 @@ class Joined(ABC):
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
 
     def seen(self, part: PartState, traction: Float[Array, "interface *run"]) -> Any:
-        """Data of a fine step, or an empty tuple if they are not kept."""
+        """Return the data of a fine step, or an empty tuple if fine steps are not kept."""
         return FineSteps(part, traction) if self.keeps_fine else ()
 
     @property
@@ -142,7 +142,7 @@ class Joined(ABC):
         return CoupledState(*pair, traction)
 
     def start(self, base: Any = 0.0, like: Float[Array, " run"] = None) -> CoupledState:
-        """Both parts at rest, with the accelerations and interface forces of the first base acceleration.
+        """Return both parts at rest, with accelerations and interface forces for the first base acceleration.
 
         The condition Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with accelerations a of the uncoupled parts on the right side.
         """
@@ -159,7 +159,7 @@ class Joined(ABC):
         return self.state_of(coarse, fine, traction)
 
     def gap(self, state: CoupledState) -> Any:
-        """Largest difference between the interface displacements of both parts; only velocities are coupled."""
+        """Return the largest displacement mismatch at the interface; the coupling makes only velocities equal."""
         xp = namespace(state.traction)
         coarse, fine = self.parts_of(state)
         return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
@@ -177,7 +177,7 @@ class Joined(ABC):
 def splittings(
     numerical: Substructure, physical: Substructure, dt: float, coupling: Coupling, alpha: float = 0.0
 ) -> tuple[OperatorSplitting, OperatorSplitting]:
-    """Operator splittings of the coarse and the fine part; L is positive for the numerical and negative for the physical part."""
+    """Return the splittings of the coarse and the fine part; L of the physical part has a negative sign."""
     rows = len(numerical.interface), len(physical.interface)
     if rows[0] != rows[1] or rows[0] == 0:
         raise InputError(
@@ -203,7 +203,7 @@ def inverse_of(operator: Float[np.ndarray, "interface interface"]) -> Float[np.n
         raise InputError(
             "interface",
             f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",
-            "rows of L that are independent in each part",
+            "linearly independent rows of L in each part",
             "Remove each row that repeats another row or has no mass.",
         )
     return np.asarray(np.linalg.inv(operator))

@@ -1,7 +1,7 @@
-"""A benchmark of couplings: two floors, with the lower storey as the physical part.
+"""A benchmark for couplings: two floors, with the lower storey as the physical part.
 
-Two floors of 12 000 kg on storeys of 7.6e6 N/m; the lower storey with half of the first floor is the physical part. Damping is
-(2ζ/ω₁) K₀ with ζ = 3 %, and the ground acceleration is 3 sin²(π t / 0.5 s) m/s² for half a second.
+Each floor has 12 000 kg, each storey 7.6e6 N/m. The physical part is the lower storey with half of the first floor's
+mass. Damping is (2ζ/ω₁) K₀ with ζ = 3 %. The ground acceleration is 3 sin²(π t / 0.5 s) m/s² for half a second.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from structid.models.hysteretic.shear_frame import ShearFrame
 
 MASS, STIFFNESS, DAMPING_RATIO = 12_000.0, 7.6e6, 0.03
 LAW = {"alpha": 0.05, "beta": 63.0, "gamma": 63.0, "delta_nu": 2.43, "delta_eta": 6.5}
-"""Constitutive law of both storeys if they are hysteretic."""
+"""Parameters of the constitutive law of both storeys in the hysteretic variant."""
 PULSE, STRENGTH = 0.5, 3.0
 """Duration [s] and peak [m/s²] of the ground acceleration."""
 
 
 def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
-    """The frame before it is divided."""
+    """Return the frame, not yet divided into parts."""
     law: dict[str, Any] = LAW if hysteretic else {"alpha": 1.0, "beta": 0.0, "gamma": 0.0}
     initial = stiffness_matrix(np.full(2, STIFFNESS))
     omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])

@@ -1,4 +1,4 @@
-"""The coupling of Gravouil and Combescure: velocities continuous at every fine step.
+"""The Gravouil-Combescure coupling: equal interface velocities at every fine step.
 
 Source: A. Gravouil & A. Combescure (2001, Int. J. Numer. Meth. Eng. 50, 199).
 """
@@ -24,15 +24,16 @@ from structid.hybrid.substructures.substructure import Substructure
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class GravouilCombescure(Coupling):
-    """Velocities of both parts agree at every fine step; α = 0.
+    """Coupling with equal interface velocities of both parts at every fine step; α = 0.
 
     Part A takes a free step with Λ = 0. At every fine step j, part B takes a free step with Λ = 0. The interface forces are
 
         Λ_j = −H⁻¹ [(1 − j/ss) L_A v_A⁰ + (j/ss) L_A v_A¹ + L_B v_B],    H = Σ γ h_i L_i M̂_i⁻¹ L_iᵀ
 
-    and B adds its linear response. v_A¹ is the free velocity of A at the end, v_A⁰ = v_A − γ Δt M̂_A⁻¹ L_Aᵀ Λ_n at the start. After
-    the last fine step, A adds its linear response to Λ_ss. The coupling is stable at any step, even for a softened fine specimen.
-    For ss > 1 it is of first order, and it adds damping.
+    and B adds its linear response to Λ_j. v_A¹ is the free velocity of A at the end of the coarse step; at its start,
+    v_A⁰ = v_A − γ Δt M̂_A⁻¹ L_Aᵀ Λ_n. After the last fine step, A adds its linear response to Λ_ss. The coupling is
+    stable for any time step, even if a specimen on the fine step softens. For ss > 1 it is of first order, and it adds
+    damping.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ class GravouilCombescure(Coupling):
 
 @dataclass(frozen=True, eq=False)
 class JoinedAtFineSteps(Joined):
-    """Two parts whose velocities agree at the end of every fine step; see `GravouilCombescure`."""
+    """Two parts whose interface velocities agree at the end of every fine step; see `GravouilCombescure`."""
 
     @cached_property
     def inverse(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from structid.core.arrays import Array
 from structid.hybrid.substructures.substructure import Substructure
 
 Imposing = Callable[[Any, Any], tuple[Any, Any]]
-"""``imposing(memory, displacement) -> (force, memory)``, as `RestoringForce.at`."""
+"""Function ``imposing(memory, displacement) -> (force, memory)``, such as `RestoringForce.at`."""
 
 
 class PartState(NamedTuple):
@@ -33,11 +33,11 @@ class PartState(NamedTuple):
     memory: Any  # memory of the restoring force
 
     def linear(self) -> tuple[Any, Any, Any, Any]:
-        """Variables that determine the next step of a linear part: u, v, a, r."""
+        """Return the variables that determine the next step of a linear part: u, v, a, r."""
         return self.displacement, self.velocity, self.acceleration, self.force
 
     def recorded(self) -> tuple[Any, Any, Any, Any, Any, Any]:
-        """Recorded variables, in the order of `PartHistory`: all except the memory."""
+        """Return the recorded variables, in the order of `PartHistory`: all except the memory."""
         return *self.linear(), self.imposed, self.reading
 
 
@@ -69,8 +69,8 @@ class OperatorSplitting:
         M̂ = M + (1+α) (γ h C + β h² K₀)
         u₁ = ũ + β h² a₁        v₁ = ṽ + γ h a₁        r₁ = r̃ + K₀ (u₁ − ũ)
 
-    Λ is averaged like the other forces: with Λ₁ only, and α ≠ 0, a coupled step would be of first order. The method is stable at
-    any h if all tangent stiffnesses are between 0 and K₀.
+    Λ is averaged like the other forces; with Λ₁ alone, a coupled step with α ≠ 0 would be of first order. The method is
+    stable for any h if all tangent stiffnesses are between 0 and K₀.
     """
 
     part: Substructure
@@ -114,7 +114,7 @@ class OperatorSplitting:
         return Link(u, self.gamma * h * a, a, self.part.stiffness @ u)
 
     def start(self, displacement: Float[Array, "dof *run"], base: Any) -> PartState:
-        """State before the first step, without interface forces."""
+        """Return the state before the first step, without interface forces."""
         part = self.part
         force, memory = part.force.begin(displacement)
         acceleration = np.linalg.inv(part.mass) @ (self.load(base, displacement) - force)
@@ -152,6 +152,6 @@ class OperatorSplitting:
         )
 
     def virtually(self, state: PartState) -> Imposing:
-        """Force of a part that is linear from this state on, r + K₀ (ũ − u), without any movement."""
+        """Return a function for the force r + K₀ (ũ − u) of a linear response from this state, without a movement."""
         force, displacement, stiffness = state.force, state.displacement, self.part.stiffness
         return lambda memory, imposed: (force + stiffness @ (imposed - displacement), memory)

@@ -30,7 +30,7 @@ class PartHistory:
 
 @dataclass(frozen=True, eq=False)
 class CoarseHistory:
-    """History of the structure: at rest, and at the end of every coarse step."""
+    """History of the structure: initial state at rest, and the end of every coarse step."""
 
     time: Float[np.ndarray, " time"]  # [s]
     # Order: degrees of freedom of the physical part, then degrees of freedom of the numerical part outside the interface
@@ -71,19 +71,19 @@ def steps_over(coupled: Joined, start: CoupledState, base: Float[np.ndarray, " _
 
 
 def base_of(record: GroundMotion, coupled: Joined, duration: float | None = None) -> Float[np.ndarray, " _"]:
-    """Acceleration of the base at every fine step."""
+    """Return the base acceleration at every fine step."""
     length = record.duration if duration is None else duration
     steps = int(np.floor(length / coupled.dt + 1e-9))
     if steps < 1:
         raise InputError(
-            "dt", f"{coupled.dt:g} s for a record of {length:g} s", "a coarse step that fits into the record"
+            "dt", f"{coupled.dt:g} s for a record of {length:g} s", "a coarse step no longer than the record"
         )
     return record.values_at(np.arange(steps * coupled.substeps + 1) * coupled.fine.step)
 
 
 @dataclass(frozen=True, eq=False)
 class StepFrame:
-    """Layout of a step in one row of numbers, which converts steps to rows and rows to histories."""
+    """Layout of a row of numbers that stores one step; it converts steps to rows, and rows to histories."""
 
     numerical_rows: Float[np.ndarray, "interface dof"]  # L of the numerical part, with its sign
     physical_rows: Float[np.ndarray, "interface physical_dof"]  # L of the physical part, with its sign
@@ -158,7 +158,7 @@ class StepFrame:
 
 
 def _numbers(state: CoupledState) -> Float[np.ndarray, " _"]:
-    """Both parts and the interface forces as the first numbers of a row."""
+    """Return the states of both parts and the interface forces, the first numbers of a row."""
     parts = (*state.numerical.recorded(), *state.physical.recorded(), state.traction)
     return np.concatenate([np.ravel(x) for x in parts])
 

@@ -1,7 +1,7 @@
-"""The coupling of Prakash and Hjelmstad: velocities continuous at coarse steps, interface forces linear within them.
+"""The Prakash-Hjelmstad coupling: equal interface velocities at coarse steps, linear interface forces between them.
 
-Source: A. Prakash & K. D. Hjelmstad (2004, Int. J. Numer. Meth. Eng. 61, 2183). For a fine specimen, interface forces must be
-predicted before it moves; this extension is ours, see `PrakashHjelmstad`.
+Source: A. Prakash & K. D. Hjelmstad (2004, Int. J. Numer. Meth. Eng. 61, 2183). The prediction of interface forces for
+a specimen on the fine step is an extension; see `PrakashHjelmstad`.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from structid.hybrid.substructures.substructure import Substructure
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class PrakashHjelmstad(Coupling):
-    """Velocities of both parts agree at the end of a coarse step; Λ is linear within it, and averaged like other forces.
+    """Coupling with equal interface velocities at the end of a coarse step; Λ is linear within it.
 
     1. Predict Λ*. Part A takes a free step under Λ*, part B takes ss free steps under Λ_n + (j/ss) (Λ* − Λ_n).
     2. Y = (u, v, a, r) of B after ss steps from rest under Λ = j/ss with K₀; H = (1+α) γ Δt L_A M̂_A⁻¹ L_Aᵀ + L_B Y_v.
     3. δΛ = −H⁻¹ Σ L v;  Λ = Λ* + δΛ;  A adds its linear response to δΛ, B adds Y δΛ.
 
-    For linear parts, any prediction gives the same result. A nonlinear fine part moves under Λ* and not under Λ. A virtual step
-    without movement therefore predicts Λ*, with Λ* = Λ_n and the force r_last + K₀ (u − u_last). If the specimen has softened, this
-    adds spurious damping; see `structid.hybrid.coupling.stability`.
+    For linear parts, any prediction gives the same result. A nonlinear fine part, however, moves under Λ*, not under
+    the corrected Λ. A virtual step without movement therefore predicts Λ* from Λ_n and the force r_last +
+    K₀ (u − u_last). A softened specimen then has spurious damping; see `structid.hybrid.coupling.stability`.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class PrakashHjelmstad(Coupling):
 
 @dataclass(frozen=True, eq=False)
 class JoinedAtCoarseSteps(Joined):
-    """Two parts whose velocities agree at the end of every coarse step; see `PrakashHjelmstad`."""
+    """Two parts whose interface velocities agree at the end of every coarse step; see `PrakashHjelmstad`."""
 
     virtual: bool = False  # whether Λ* is predicted by a virtual step
 
@@ -82,7 +82,7 @@ class JoinedAtCoarseSteps(Joined):
 
     @cached_property
     def response(self) -> Link:
-        """Y: response of B, with K₀, to interface forces that each grow from 0 to 1 over its ss steps."""
+        """Y: response of B, with stiffness K₀, to each interface force if it grows from 0 to 1 over ss steps."""
         linear = self.fine
         size = len(linear.rows)
         at_rest = np.zeros((linear.part.dofs, size))
@@ -110,7 +110,7 @@ class JoinedAtCoarseSteps(Joined):
         return CoarseStep(after, within, (gained * (after.traction - traction)).sum(axis=0) / self.dt)
 
     def _guessed(self, before: tuple[PartState, PartState], traction: Any, bases: Any) -> Any:
-        """Λ* predicted by a virtual step from Λ_n, in which both parts respond linearly and nothing moves."""
+        """Return Λ*, predicted from Λ_n by a virtual step in which both parts respond linearly and nothing moves."""
         xp = namespace(traction)
         coarse, fine, shaking, pulling = self.foreseen
         shaken = shaking @ bases
@@ -119,7 +119,7 @@ class JoinedAtCoarseSteps(Joined):
 
     @cached_property
     def foreseen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices of Σ L v at the end of a virtual step: for (u, v, a, r) of A, of B, the base acceleration, and Λ_n."""
+        """Matrices that map (u, v, a, r) of A and B, the base acceleration and Λ_n to Σ L v after a virtual step."""
         sizes = [self.coarse.part.dofs] * 4 + [self.fine.part.dofs] * 4 + [self.substeps + 1, len(self.coarse.rows)]
         units = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
         coarse, fine = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
@@ -133,7 +133,7 @@ class JoinedAtCoarseSteps(Joined):
     def _freely(
         self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
     ) -> tuple[PartState, Any]:
-        """Step B under linearly changing interface forces."""
+        """Take the fine steps of B under linearly changing interface forces."""
         first, change = tractions[0], tractions[1] - tractions[0]
 
         def step(carried: PartState, row: Any) -> tuple[PartState, Any]:

@@ -15,14 +15,14 @@ STILL = 1e-6
 
 
 class FreeOscillations(NamedTuple):
-    """Free oscillations of a coupled structure under its integrator."""
+    """Free oscillations of a coupled structure, as its integrator computes them."""
 
     frequencies: Float[np.ndarray, " mode"]  # [rad/s], ascending
     damping_ratios: Float[np.ndarray, " mode"]  # ζ; negative for a growing oscillation
 
 
 def amplification(coupled: Joined) -> Float[np.ndarray, "state state"]:
-    """Matrix that maps the state of linear parts over a coarse step; all unit states take this step together."""
+    """Return the amplification matrix, which maps the state of linear parts over one coarse step."""
     sizes = [s.part.dofs for s in (coupled.numerical, coupled.physical) for _ in range(4)]
     units = np.split(np.eye(sum(sizes) + len(coupled.coarse.rows)), np.cumsum(sizes))
     numerical, physical = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
@@ -31,12 +31,12 @@ def amplification(coupled: Joined) -> Float[np.ndarray, "state state"]:
 
 
 def spectral_radius(coupled: Joined) -> float:
-    """Largest absolute eigenvalue of the amplification matrix; 1 or less if the coupling is stable."""
+    """Return the largest absolute eigenvalue of the amplification matrix; 1 or less if the coupling is stable."""
     return float(np.abs(np.linalg.eigvals(amplification(coupled))).max())
 
 
 def free_oscillations(coupled: Joined) -> FreeOscillations:
-    """Frequencies and damping ratios of the oscillations: for an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|."""
+    """Return frequencies and damping ratios of oscillations: for an eigenvalue e^s, ω Δt = |s| and ζ = −Re s/|s|."""
     values = np.linalg.eigvals(amplification(coupled))
     values = values[(values.imag > STILL) & (np.abs(values) > STILL)]
     exponents = np.log(values)

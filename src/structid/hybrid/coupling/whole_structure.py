@@ -25,7 +25,7 @@ class WholeStructure:
 
     @classmethod
     def of(cls, coupled: Joined) -> WholeStructure:
-        """Tie both parts: all displacements that satisfy Σ L u = 0."""
+        """Tie both parts by restricting their displacements to Σ L u = 0."""
         sides = coupled.numerical, coupled.physical
         basis = scipy.linalg.null_space(np.concatenate([s.rows for s in sides], axis=1))
         maps = np.split(basis, [sides[0].part.dofs])
@@ -68,5 +68,5 @@ class WholeStructure:
         return critical_delay_of(self.mass, self.damping, self.numerical, self.physical)
 
     def growing_oscillations(self, factor: Callable[[float], complex]) -> int:
-        """Number of growing oscillations if the specimen's force is multiplied by G."""
+        """Count the growing oscillations if the specimen's force is multiplied by the loop factor G."""
         return growing_oscillations(self.mass, self.damping, self.numerical, self.physical, factor)

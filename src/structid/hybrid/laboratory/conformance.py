@@ -1,8 +1,8 @@
 """Thirty checks of a server that implements the specimen protocol: required answers, and requests it must refuse.
 
-Only two moves are requested: a move to zero, and a move beyond a limit, which must be refused. The second move is omitted if the
-specimen declares no limits. At the end, the specimen holds its position permanently, as required after a refused move. Restart the
-server before a test.
+The well-formed moves go to zero, or beyond a limit; the server must refuse the latter. The move beyond a limit is
+omitted if no channel declares a stroke limit. At the end, the specimen holds its position permanently, as required
+after a refused move. Restart the server before a test.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from structid.hybrid.laboratory.wire import (
 PATIENCE = 3.0
 """Time limit for an answer, or for the end of a connection [s]."""
 GRACE = 0.5
-"""Largest time from the watchdog limit to the end of a session [s]."""
+"""Largest allowed delay in ending a session, beyond the watchdog time [s]."""
 
 
 class Finding(NamedTuple):
@@ -55,7 +55,7 @@ class Finding(NamedTuple):
 
 
 class _Failed(Exception):
-    """Behaviour of a server that fails a check."""
+    """A failed check; the message gives the behaviour of the server."""
 
 
 class _Peer:
@@ -102,7 +102,7 @@ class _Peer:
         self.send(packed(Frame(kind, self.sequence, payload), self.key))
         answer = self.receive()
         if answer.sequence != self.sequence:
-            raise _Failed(f"the answer to request {self.sequence} has the number {answer.sequence}")
+            raise _Failed(f"the answer to request {self.sequence} has the sequence number {answer.sequence}")
         return answer
 
     def expect_end(self, patience: float = PATIENCE) -> None:
@@ -130,7 +130,7 @@ _Message = Callable[[_Peer], bytes]
 
 
 def _headed(key: bytes, *fields: object) -> bytes:
-    """A frame with an arbitrary header, a valid tag and no payload."""
+    """Build a frame with an arbitrary header, a valid tag and no payload."""
     head = HEADER.pack(*fields)
     return head + hmac.digest(key, head, "sha256")
 
@@ -147,7 +147,7 @@ def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
 
 
 def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
-    """Check that a server ends a session whose second message is `message`."""
+    """Check that a server ends a session whose second request is `message`."""
 
     def check() -> None:
         with new() as peer:
@@ -198,7 +198,7 @@ def _false_greetings() -> Iterator[tuple[str, _Message]]:
     yield "drops an unknown kind", lambda p: _headed(p.key, MAGIC, VERSION, 77, 0, 0, 0)
     yield "drops a header whose last field is not 0", lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, 0, 1)
     yield (
-        "drops a frame that is too long, before its payload",
+        "drops a frame that is too long, before its payload arrives",
         lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, LARGEST_PAYLOAD + 1, 0),
     )
     yield "drops a silent connection", lambda p: b""
@@ -218,11 +218,11 @@ def _second_client(new: _Open) -> Iterator[_Check]:
                 raise _Failed("the first session ended")
             first.request(Kind.CLOSE)
 
-    yield "refuses a second client and keeps the first", one_at_a_time
+    yield "refuses a second client and keeps the first session", one_at_a_time
 
 
 def _false_requests() -> Iterator[tuple[str, _Message]]:
-    """Messages that a server must refuse as the second message of a session."""
+    """Messages that a server must refuse as the second request of a session."""
 
     def not_finite(peer: _Peer) -> bytes:
         assert peer.welcome is not None
@@ -285,9 +285,11 @@ def _session(new: _Open) -> Iterator[_Check]:
             began, watchdog = time.monotonic(), peer.welcome.watchdog
             peer.expect_end(watchdog + GRACE)
             if time.monotonic() - began < 0.5 * watchdog:
-                raise _Failed(f"it ended after {time.monotonic() - began:.2f} s, but its watchdog is {watchdog:g} s")
+                raise _Failed(
+                    f"it ended after {time.monotonic() - began:.2f} s, but its watchdog time is {watchdog:g} s"
+                )
 
-    yield "answers PING with PONG and the same number", ponged
+    yield "answers PING with PONG and the same sequence number", ponged
     yield "drops a replayed session", replayed
     yield "accepts requests that arrive in pieces", in_pieces
     yield "ends a silent session after its watchdog time", watched
@@ -328,7 +330,7 @@ def _motion(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
                 raise _Failed(f"it answered {answer.kind.name}")
             peer.expect_end()
 
-    yield "reads at its position, and refuses a move beyond its limits", stays
+    yield "returns a reading at zero, and refuses a move beyond its limits", stays
     yield "holds its position in every later session", holds
     yield "continues to serve", serves
 

@@ -1,16 +1,17 @@
 """Client for site servers with OpenFresco's generic TCP protocol. It has no authentication: use the loopback or a tunnel only.
 
-Its public sources (OpenFresco 2.8 and OpenSees' GenericClient) define these messages, in the byte order of x86, little-endian:
+Public source code (OpenFresco 2.8 and GenericClient of OpenSees) defines these messages, all little-endian:
 
 * The client connects and sends eleven 32-bit integers. Five give the numbers of commanded displacements, velocities, accelerations,
   forces and times, and five the numbers of acquired quantities. The last integer, D, is the length of every later message.
-* Every later message, in both directions, has D 64-bit floating-point numbers. A request contains its code and the commanded
-  quantities; an answer begins with the acquired quantities. The numbers after them have no meaning.
-* Code 3 sends commands, 5 commits a step, and 99 ends the session, all without an answer. Code 6 acquires and has an answer.
+* Every later message, in both directions, has D 64-bit floating-point numbers. A request contains its code and the
+  commanded quantities; an answer begins with the acquired quantities. All other numbers in a message have no meaning.
+* Code 3 sends commands, 5 commits a step, and 99 ends the session, all without an answer. Code 6 requests the acquired
+  quantities, and the server answers.
 
-The protocol has no secret, sequence number, checksum, limit or time-out. This client checks limits of stroke and velocity before it
-sends a command, has a time-out for every answer, and refuses addresses of other machines. A site server does not detect a broken
-connection: it waits forever and holds its last command.
+The protocol has no secret, sequence number, checksum, limit or time-out. This client checks limits of stroke and
+velocity before it sends a command, has a time-out for every answer, and by default refuses addresses of other machines.
+A site server does not detect a broken connection: it waits forever and holds its last command.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenDescr
 
 SIZES = struct.Struct("<11i")
 LEAST_LENGTH = 256
-"""Smallest D that every site server accepts."""
+"""Smallest message length D that every site server accepts."""
 COMMAND, COMMIT, ACQUIRE, DIE = 3.0, 5.0, 6.0, 99.0
 CONNECTING = 5.0
 """Time limit for a connection [s]."""
@@ -86,7 +87,7 @@ class OpenFrescoSpecimen(Specimen):
         self._last, self._over = np.zeros(count), ""
 
     def describe(self) -> SpecimenDescription:
-        """Description that the user has given; see `Specimen.describe`."""
+        """Return the description given by the user; see `Specimen.describe`."""
         return self._description
 
     def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
@@ -120,7 +121,7 @@ class OpenFrescoSpecimen(Specimen):
         self._end(f"{reason}.")
 
     def close(self) -> None:
-        """End the session by its code; see `Specimen.close`."""
+        """End the session with code 99; see `Specimen.close`."""
         self._end("the test closed it.")
 
     # --- messages -----------------------------------------------------------------------------------------------
@@ -131,7 +132,8 @@ class OpenFrescoSpecimen(Specimen):
             connection = socket.create_connection(self._where, CONNECTING)
         except OSError as error:
             header = (
-                f"No site server answers at {self.address}: {error.strerror or error}. Start it, or check the address."
+                f"No site server answers at {self.address}: {error.strerror or error}. Start the server, "
+                "or check the address."
             )
             raise SpecimenError(header) from None
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -162,12 +164,12 @@ class OpenFrescoSpecimen(Specimen):
             except TimeoutError:
                 raise OSError("the server is silent") from None
             if not piece:
-                raise OSError("it was closed by the server")
+                raise OSError("the server closed the connection")
             content += piece
         return np.frombuffer(content, dtype="<f8").astype(np.float64)
 
     def _end(self, reason: str) -> None:
-        """End the session by its code, so that the server does not wait forever."""
+        """End the session with code 99, so that the server does not wait forever."""
         self._over = self._over or reason
         if self._connection is not None:
             with contextlib.suppress(OSError):

@@ -30,15 +30,15 @@ from structid.hybrid.laboratory.wire import (
 SILENCE = 0.05
 """Longest allowed time from the end of a move to its answer [s]."""
 CONNECTING = 5.0
-"""Time limit for a connection and a greeting [s]."""
+"""Time limit for opening a connection, and for each message of a greeting [s]."""
 
 
 @check_arguments
 class RemoteSpecimen(Specimen):
     """A specimen behind a socket, served by `SpecimenServer` or by a laboratory's own program.
 
-    A short separate session reads its description. The session for the moves begins with the first move and cannot be repeated:
-    after any error it is over, and the specimen holds its position.
+    A short separate session requests the description of the specimen. The session for the moves begins with the first
+    move and cannot be repeated: after any error it is over, and the specimen holds its position.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class RemoteSpecimen(Specimen):
             raise
 
     def hold(self, reason: str) -> None:
-        """Request the specimen to hold its position, as it does without a connection; see `Specimen.hold`."""
+        """Command the specimen to hold its position, as it also does without a connection; see `Specimen.hold`."""
         if self._connection is not None and not self._over:
             try:
                 self._asked(Kind.HOLD, reason.encode(), self.silence)
@@ -161,5 +161,5 @@ class RemoteSpecimen(Specimen):
         self._end("The test closed it.")
 
     def released(self) -> RemoteSpecimen:
-        """Client for a new session with the released specimen at the same address; see `Specimen.released`."""
+        """Return a client for a new session with the released specimen at the same address; see `Specimen.released`."""
         return RemoteSpecimen(self.address, self._secret, self.silence)

@@ -1,4 +1,4 @@
-"""Server of a specimen: it serves one test at a time, accepts only authenticated requests in order, and holds after errors."""
+"""Server of a specimen: it serves one test at a time and accepts only authenticated requests in order."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def _without_long_pauses() -> Iterator[None]:
 class SpecimenServer:
     """Server of a specimen for hybrid tests, by default on the loopback interface.
 
-    A frame that is late, malformed, forged, out of order or not finite ends the session; so does a closed connection. If the
-    specimen has moved in it, it then holds its last accepted position permanently. Refused clients have no effect.
+    A frame that is late, malformed, forged, out of order or not finite ends the session; so does a closed connection.
+    A specimen moved in that session then holds its last accepted position permanently. Refused clients have no effect.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ class SpecimenServer:
                     self._busy.release()
 
     def _greeted(self, connection: socket.socket) -> _Session | None:
-        """Answer a HELLO; None if the client is refused. The specimen is reserved for this session until it ends."""
+        """Answer a HELLO; return None after a refusal. The specimen is reserved for this session until it ends."""
         key = greeting_key(self._secret)
         frame = received(connection, key, GREETING, LARGEST_GREETING)
         if frame is None:
@@ -231,7 +231,7 @@ class SpecimenServer:
                 raise WireError("The client closed the connection without closing the session.")
             if frame.sequence != session.last + 1:
                 raise WireError(
-                    f"Request {frame.sequence} came, expected {session.last + 1}: a request was replayed or lost."
+                    f"Request {frame.sequence} came instead of {session.last + 1}: a request was replayed or lost."
                 )
             session.last = frame.sequence
             answer = self._answer(session, frame)

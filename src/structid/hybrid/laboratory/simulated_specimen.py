@@ -18,7 +18,7 @@ from structid.mechanics.restoring_forces import CollapseError, RestoringForce
 RELEASED = 1e-7
 """Largest force of an unloaded specimen, relative to its peak force."""
 MOST_RELEASES = 2000
-"""Largest number of moves that unload a specimen."""
+"""Largest number of moves to unload a specimen."""
 
 
 @check_arguments
@@ -136,7 +136,7 @@ class SimulatedSpecimen(Specimen):
         return Reading(displacement, force)
 
     def _forces(self, places: np.ndarray, last: int) -> np.ndarray:
-        """Forces at the positions from index `last` on, after the whole path.
+        """Follow the whole path, and return the forces at its positions from index `last` on.
 
         A rate-independent structure depends on the turning points of its path, not on every controller step. It moves only to
         turning points, to positions `largest_move` apart, and to both ends of the averaged range; forces between them are
@@ -160,7 +160,7 @@ class SimulatedSpecimen(Specimen):
         self._largest = max(self._largest, float(np.abs(self._force - self._static).max()))
 
     def _kept(self, places: np.ndarray, last: int) -> list[int]:
-        """Indices of the positions to which the structure moves; index 0 is the second position."""
+        """Return the indices of the positions to which the structure moves; index 0 is the second row of `places`."""
         steps = np.diff(places, axis=0)
         turns = np.any(np.sign(steps[1:]) * np.sign(steps[:-1]) < 0.0, axis=1)
         far = np.floor(np.cumsum(np.abs(steps).max(axis=1)) / self.structure.largest_move)
@@ -200,7 +200,7 @@ class SimulatedSpecimen(Specimen):
         return after
 
     def _unload(self, stiffness: np.ndarray) -> None:
-        """Move the specimen until its force is the initial force. With the largest stiffness, no move overshoots."""
+        """Move the specimen until its force is the initial one. With the largest stiffness, moves do not overshoot."""
         back = np.linalg.inv(stiffness)
         for _ in range(MOST_RELEASES):
             excess = self._force - self._static

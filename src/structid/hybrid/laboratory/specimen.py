@@ -1,4 +1,4 @@
-"""Interface of a specimen: its description, moves, refusals beyond its limits, and holding of its position."""
+"""Interface of a specimen: it describes itself, moves, refuses paths beyond its limits, and holds its position."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LONGEST_PATH = 100_000
 
 
 class SpecimenError(StructidError):
-    """A specimen refused a move, stopped answering, or its session ended. It holds its position; earlier data are kept.
+    """A specimen refused a move or stopped answering, or a session ended. It holds its position; earlier data are kept.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class SpecimenDescription(BaseModel):
         return self
 
     def refusal(self, last: Float[np.ndarray, " channel"], path: Float[np.ndarray, "sample channel"]) -> str | None:
-        """Reason why a path exceeds the specimen's limits, or None; computed before anything moves."""
+        """Return the reason to refuse a path before any movement, or None if it is within the specimen's limits."""
         count = len(self.channels)
         if path.ndim != 2 or path.shape[1] != count or not 1 <= len(path) <= self.longest_path:
             return f"a path of shape {path.shape} does not have {count} channels and 1 to {self.longest_path} steps"
@@ -166,7 +166,7 @@ class Specimen(ABC):
         """End the session; the specimen holds its position."""
 
     def released(self) -> Specimen:
-        """Specimen for the next test, after its session was closed: unloaded by its operator, with a new zero.
+        """Return the specimen for the next test, unloaded and zeroed after its session was closed.
 
         Its damage remains. The ``datum`` of its description gives the new zero.
 
@@ -178,7 +178,7 @@ class Specimen(ABC):
         Raises
         ------
         SpecimenError
-            If only its operator can unload and zero it.
+            If only an operator can unload and zero the specimen.
         """
         raise SpecimenError(
             f"'{self.describe().name}' must be unloaded and zeroed by its operator before another test."

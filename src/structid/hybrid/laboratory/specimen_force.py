@@ -1,4 +1,4 @@
-"""The restoring force of a specimen: imposed displacements pass through compensation and motion, and readings return."""
+"""The restoring force of a specimen, which is moved along compensated paths and read at their ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenError
 from structid.mechanics.restoring_forces import RestoringForce
 
 TARE = 1.0
-"""Averaging time of the force at rest [s] of wall time."""
+"""Wall time over which the force at rest is averaged [s]."""
 
 
 class Move(NamedTuple):
@@ -56,7 +56,7 @@ class SpecimenForce(RestoringForce):
         return int(self.geometry.shape[1])
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
-        """Empty memory, because the specimen keeps its own state; see `RestoringForce.at_rest`."""
+        """Return an empty memory, because the specimen keeps its own state; see `RestoringForce.at_rest`."""
         return ()
 
     def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
@@ -82,7 +82,7 @@ class SpecimenForce(RestoringForce):
         return restoring, memory
 
     def _tared(self) -> np.ndarray:
-        """Force before the first move, averaged over a long time because it is part of every later reading."""
+        """Return the force before the first move, averaged over a long time because all readings are relative to it."""
         step = self.specimen.describe().controller_step
         count = min(max(round(TARE / step), 1), self.specimen.describe().longest_path)
         return self._checked(self.specimen.move(np.zeros((count, len(self.geometry))), count)).force

@@ -12,9 +12,9 @@ A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-en
         24     n  payload
     24 + n    32  HMAC-SHA256 of all bytes before it
 
-For HELLO, WELCOME and their refusals, the key of the tag depends on the shared secret. In the following session, it depends on the
-secret and the nonces of both sides. The requests of a session have the numbers 1, 2, 3, …; each has one answer with its number. All
-other messages end the session. `docs/reference/specimen_protocol.md` describes the protocol for authors of other programs.
+For HELLO and its answer, the key of the tag depends only on the shared secret. In the following session, it depends on
+the secret and the nonces of both sides. The requests of a session have the numbers 1, 2, 3, …; each has one answer with
+its number. All other messages end the session. `docs/reference/specimen_protocol.md` describes the whole protocol.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ Message = TypeVar("Message", bound=BaseModel)
 
 
 class WireError(SpecimenError):
-    """An invalid message, or no message in time; the session is over."""
+    """A message is invalid or does not arrive in time; the session is over."""
 
 
 class Frame(NamedTuple):
@@ -92,12 +92,12 @@ def checked_secret(secret: str | bytes) -> bytes:
 
 
 def greeting_key(secret: bytes) -> bytes:
-    """Key of HELLO and WELCOME."""
+    """Return the key of HELLO and WELCOME."""
     return hmac.digest(secret, b"structid specimen greeting", "sha256")
 
 
 def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
-    """Key of a session; a recorded session cannot be replayed, because the server's nonce is new in every session."""
+    """Return the key of a session; a new nonce of the server in every session prevents replays."""
     return hmac.digest(secret, b"structid specimen session" + client + server, "sha256")
 
 
@@ -153,13 +153,13 @@ def _exactly(connection: socket.socket, count: int, until: float, may_end: bool 
         if not part:
             if may_end and not got:
                 return None
-            raise WireError("The connection was closed within a message.")
+            raise WireError("The connection was closed in the middle of a message.")
         got += part
     return bytes(got)
 
 
 def _silence(received: int) -> str:
-    return "The other side is silent." if not received else "The other side stopped within a message."
+    return "The other side is silent." if not received else "The other side stopped sending in the middle of a message."
 
 
 def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -> None:
@@ -204,7 +204,7 @@ def read_json(what: type[Message], payload: bytes) -> Message:
 
 
 def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> bytes:
-    """Serialise a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample."""
+    """Serialise a path: 32-bit counts of samples, channels and averaged samples, then float64 values by sample."""
     return MOVE_HEAD.pack(*path.shape, averaged) + np.ascontiguousarray(path, dtype="<f8").tobytes()
 
 
@@ -229,7 +229,7 @@ def read_move(payload: bytes) -> tuple[np.ndarray, int]:
 
 
 def packed_reading(reading: Reading) -> bytes:
-    """Serialise a reading: displacements, then forces, float64."""
+    """Serialise a reading: displacements, then forces, as float64 values."""
     return np.concatenate(reading).astype("<f8").tobytes()
 
 

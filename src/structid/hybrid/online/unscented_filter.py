@@ -22,18 +22,18 @@ from structid.models.traceable import TraceableModel, as_traceable
 from structid.probability.space import ParameterSpace
 
 CENTRE = 2.0
-"""Weight of the central point in covariances, exact for normal states. Its weight in means is zero."""
+"""Weight of the central sigma point in covariances, exact for normal states. Its weight in means is zero."""
 BAND = 1.959964
 """Half-width of a 95 % band [standard deviations]."""
 REMEMBERED = ("z", "e_h")
 """Memory variables of a spring besides its displacement."""
 LEAST_VARIANCE = 1e-18
-"""Variance of a known state; positive, so that the covariance has a Cholesky factor."""
+"""Variance assigned to an exactly known state; positive, so that the covariance has a Cholesky factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class FilteredPath:
-    """Estimate of the filter after every move."""
+    """Parameter estimates of the filter after every move."""
 
     names: tuple[str, ...]  # names of the parameters
     mean: Float[np.ndarray, "move parameter"]  # mean, in SI
@@ -134,7 +134,7 @@ class UnscentedFilter:
             self.updates.adopt(springs)
 
     def path(self) -> FilteredPath:
-        """Estimates of the filter in this test.
+        """Return the estimates of the filter in this test.
 
         Returns
         -------
@@ -154,7 +154,7 @@ class UnscentedFilter:
         return self.model.static_force(theta[:, self._columns])
 
     def _moved(self, place: float, measured: float | None) -> None:
-        """Propagate all points to a displacement, and correct them by the force measured there."""
+        """Propagate all sigma points to a displacement, and correct the state with the force measured there."""
         count, memory = len(self._mean), len(REMEMBERED)
         root = np.linalg.cholesky(self._covariance + LEAST_VARIANCE * np.eye(count))
         spread = np.sqrt(count) * root.T

@@ -59,7 +59,7 @@ class UpdatedSprings(RestoringForce):
         return self.springs.content_hash
 
     def at_rest(self, displacement: Any) -> Any:
-        """Memory of the springs before the first move; see `RestoringForce.at_rest`."""
+        """Return the memory of the springs before the first move; see `RestoringForce.at_rest`."""
         return self.springs.at_rest(displacement)
 
     def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:

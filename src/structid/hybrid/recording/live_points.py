@@ -40,7 +40,7 @@ class LivePoints:
         self._floors = np.concatenate([self._floors.reshape(-1, floors.shape[1]), floors])
 
     def since(self, moves: int, steps: int) -> dict[str, Any]:
-        """Data after the given numbers of moves and steps, JSON-compatible."""
+        """Return the data after the given numbers of moves and steps, as JSON-compatible values."""
         if self._about is None:
             return {}
         about, channels = self._about, []

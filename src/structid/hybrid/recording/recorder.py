@@ -1,9 +1,9 @@
-"""The recording of a test in progress: rows of numbers that survive a kill and a full disk without delaying the test.
+"""The recording of a test in progress: its rows survive a killed process and a full disk, and do not delay the test.
 
-The loop copies each row into mapped memory (the *tail*), which belongs to the kernel and survives the end of this process. Every
-`BLOCK` seconds, a thread moves the rows to the journal on disk. There are two tails: one is filled while the other is written.
-Their space is reserved before the test begins. A full disk is therefore detected before anything moves; a disk that fills up later
-ends the test without loss of data.
+The test loop copies each row into mapped memory (the *tail*), which belongs to the kernel and survives the end of this
+process. Every `BLOCK` seconds, a thread moves the rows to the journal on disk. There are two tails: one is filled while
+the other is written. Their space is reserved before the test begins. A full disk is therefore detected before anything
+moves; a disk that fills up later ends the test without loss of data.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ ROWS_IN_TAIL = 256
 """Minimum number of rows in a tail."""
 SCHEMA = "hybrid-test-1"
 JOURNAL = ".journal"
-"""Suffix of a journal after the name of its store."""
+"""Suffix of a journal, appended to the name of its store."""
 _ENTRY = struct.Struct("<QQI")  # 1 + number of the row, bytes, CRC-32
 
 
@@ -42,12 +42,12 @@ class RecordingError(StructidError):
 
 
 def journal_of(store: Path) -> Path:
-    """Path of the journal of a store."""
+    """Return the path of the journal of a store."""
     return store.with_name(store.name + JOURNAL)
 
 
 def tails_of(store: Path) -> tuple[Path, Path]:
-    """Paths of the tails of a store."""
+    """Return the paths of the tails of a store."""
     return store.with_name(store.name + ".tail0"), store.with_name(store.name + ".tail1")
 
 
@@ -80,7 +80,7 @@ class _Tail:
 
 
 def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Rows in a tail whose process was killed."""
+    """Yield the valid rows of a tail, even if its process was killed."""
     if not path.exists():
         return
     content, position = path.read_bytes(), 0
@@ -95,16 +95,16 @@ def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
-    """Rows in the tails, by number.
+    """Return the rows of both tails, by row number.
 
-    Rows move from a tail to the journal. The journal is read after the tails, so a row that moves in between is found twice.
+    Rows move from a tail to the journal. The journal is read after the tails, so that no moving row is missed.
     """
     left = (entry for tail in tails_of(store) for entry in _rows_left_in(tail))
     return {number: np.frombuffer(row, dtype="<f8") for number, row in left}
 
 
 def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.ndarray]]) -> dict[str, Any]:
-    """Add the rows of a journal's entries; returns the description of the test, empty if no entry contains it."""
+    """Add the rows of a journal's entries; return the description of the test, empty if no entry contains it."""
     about: dict[str, Any] = {}
     for entry in entries:
         if "about" in entry:
@@ -156,7 +156,7 @@ class Recorder:
         self.close()
 
     def add(self, row: Float[np.ndarray, " width"]) -> None:
-        """Record a row. After this call it survives a kill of this process; one block later, a crash of the machine."""
+        """Record a row, which then survives a kill of this process and, one block later, a crash of the machine."""
         content = np.ascontiguousarray(row, dtype="<f8").tobytes()
         with self._lock:
             tail = self._tails[0]
@@ -166,7 +166,7 @@ class Recorder:
             self._count += 1
         if self.failed:
             raise RecordingError(
-                f"The recording cannot continue: {self.failed}. Every finished step is kept next to {self.store}."
+                f"The recording cannot continue: {self.failed}. All finished steps are in files next to {self.store}."
             )
 
     def _write(self) -> None:

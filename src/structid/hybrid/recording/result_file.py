@@ -34,7 +34,7 @@ CUT_OFF = "The recording was interrupted: its process was killed, or its disk wa
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class About:
-    """Description of a test before its start, which is needed to read its recording."""
+    """Description of a test, stored before it starts and needed to read its recording."""
 
     description: SpecimenDescription  # description of the specimen
     feasibility: Feasibility  # result of the check before the test
@@ -55,7 +55,7 @@ class About:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> About:
-        """Rebuild from the result of `to_plain`."""
+        """Rebuild a description from the result of `to_plain`."""
         frame: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in plain["frame"].items()}
         return cls(
             SpecimenDescription.model_validate(plain["description"]),
@@ -96,7 +96,7 @@ class About:
 
 
 def _feasibility(plain: dict[str, Any]) -> Feasibility:
-    """Rebuild from JSON, in which tuples are lists."""
+    """Rebuild a `Feasibility` from JSON, in which tuples are lists."""
     fields: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
     return Feasibility(**fields)
 
@@ -158,7 +158,7 @@ def _read(group: Any, name: str) -> Any:
 
 
 FILTERED = ("mean", "low", "high")
-"""Arrays in the path of a filter."""
+"""Names of the arrays in a `FilteredPath`."""
 
 
 def _filtered(file: Any, names: list[str]) -> FilteredPath | None:

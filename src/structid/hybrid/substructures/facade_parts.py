@@ -45,7 +45,7 @@ class FloorMasses:
 
     def __post_init__(self) -> None:
         if not (self.floor > 0.0 and self.roof >= 0.0 and 0.0 < self.share < 1.0):
-            raise InputError("FloorMasses", f"{self}", "floor above 0, roof of 0 or more, share between 0 and 1")
+            raise InputError("FloorMasses", f"{self}", "floor > 0, roof ≥ 0 and 0 < share < 1")
 
 
 class FacadeParts(NamedTuple):
@@ -74,9 +74,9 @@ def facade_parts(
 ) -> FacadeParts:
     """Cut a facade at the beam between its storeys.
 
-    The upper storey is linear, with uncracked joints. It is reduced to the beam's three degrees of freedom and some modes above a
-    fixed beam (Craig & Bampton 1968). The beam's degrees of freedom are u_x, u_y, and the rotation about the middle. Damping is
-    Rayleigh damping with the lower wall's ratio at modes 1 and 3 of both storeys.
+    The upper storey is linear, with uncracked joints. It is reduced to the beam's three degrees of freedom and its
+    lowest modes on a fixed beam (Craig & Bampton 1968). The beam's degrees of freedom are u_x, u_y, and the rotation
+    about its middle. Damping is Rayleigh damping with the lower wall's ratio at modes 1 and 3 of both storeys.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def facade_parts(
     for wall in (lower, upper):
         if wall.free:
             raise InputError(
-                "facade_parts", f"a wall with free {', '.join(wall.free)}", "walls whose parameters are all numbers"
+                "facade_parts", f"a wall with free {', '.join(wall.free)}", "walls without free parameters"
             )
     if upper.wall.width != lower.wall.width or upper.base_joint:
         raise InputError(
@@ -152,7 +152,7 @@ def facade_parts(
 
 
 def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Natural frequencies of both storeys together, uncracked [rad/s]."""
+    """Return the natural frequencies of both storeys together, uncracked [rad/s]."""
     both = [upper.mass.copy(), upper.stiffness.copy()]
     for whole, part in zip(both, (mass, stiffness), strict=True):
         whole[:BEAM, :BEAM] += part
@@ -160,7 +160,7 @@ def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndar
 
 
 def _matrices_on_beam(upper: MasonryWall, law: CohesiveLaw, roof: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M, K and ι of a wall with uncracked joints whose lowest nodes move with a rigid beam; beam first, other nodes after."""
+    """Return M, K and ι of a wall on a rigid beam, with uncracked joints; the beam's degrees of freedom come first."""
     standing = upper.mesh.fixed
     mesh = replace(upper.mesh, fixed=standing[:0])
     assembly = Assembly(mesh, replace(upper.masonry, upper_mass=roof))
@@ -178,13 +178,13 @@ def _matrices_on_beam(upper: MasonryWall, law: CohesiveLaw, roof: float) -> tupl
 
 
 def _uncracked(assembly: Assembly, law: CohesiveLaw) -> np.ndarray:
-    """Stiffness of blocks and uncracked joints, without bars, shape (dof, dof) [N/m]."""
+    """Return the stiffness of blocks and uncracked joints, without bars, shape (dof, dof) [N/m]."""
     joints = np.stack([law.normal_stiffness * assembly.joint_areas, law.tangential_stiffness * assembly.joint_areas], 1)
     return np.asarray(assembly.block_stiffness + assembly.jumps.T @ (joints.ravel()[:, None] * assembly.jumps))
 
 
 def _mass_on_beam(wall: StaticWall) -> np.ndarray:
-    """Mass matrix of the lower wall's blocks at the beam, which they follow statically, with uncracked joints."""
+    """Return the mass matrix of the lower wall's blocks, statically condensed to the beam with uncracked joints."""
     beamed = wall.wall
     assembly = Assembly(beamed.mesh, replace(beamed.masonry, upper_mass=0.0))
     top = beamed.top_nodes

@@ -23,8 +23,9 @@ def cut_frame(
 ) -> tuple[Substructure, Substructure]:
     """Cut a frame at a floor into the storeys above it and the storeys below it; both parts share the floor.
 
-    Damping must be a sum over the parts, unlike modal damping. Stiffness-proportional damping has ζ at the first mode. Rayleigh
-    damping has ζ at the first and the third mode, or at both modes of a frame with two storeys.
+    The damping matrix must be the sum of the parts' matrices, so modal damping is not available. Stiffness-proportional
+    damping has the ratio ζ in the first mode. Rayleigh damping has this ratio in the first and the third mode, or in
+    both modes of a frame with two storeys.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class Matrices(NamedTuple):
 
 
 def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int]) -> Float[np.ndarray, "dof kept"]:
-    """Static displacements for unit displacements of the kept degrees of freedom, one at a time: −K_ii⁻¹ K_ik."""
+    """Return the static displacements for a unit displacement of each kept degree of freedom: −K_ii⁻¹ K_ik."""
     kept = list(kept)
     count = len(stiffness)
     if len(set(kept)) < len(kept) or not set(kept) <= set(range(count)) or not kept:
@@ -44,7 +44,9 @@ def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int
     if len(inner):
         held = stiffness[np.ix_(inner, inner)]
         if np.linalg.cond(held) > 1e14:
-            raise InputError("kept", f"{kept}: the part can move without force", "enough degrees of freedom to hold it")
+            raise InputError(
+                "kept", f"{kept}: the part can move without force", "enough degrees of freedom to restrain the part"
+            )
         basis[inner] = -np.linalg.solve(held, stiffness[np.ix_(inner, np.array(kept))])
     return basis
 
@@ -60,7 +62,7 @@ def reduced_by_guyan(
     influence: np.ndarray | None = None,
     name: str = "substructure",
 ) -> Substructure:
-    """Reduce a part to some degrees of freedom; the other degrees of freedom follow statically.
+    """Reduce a part to selected degrees of freedom; the other degrees of freedom follow statically.
 
     The stiffness is exact, the mass is approximate. Frequencies are too high, and high frequencies have the largest errors.
 
@@ -155,7 +157,7 @@ def _matrices(mass: object, damping: object, stiffness: object, influence: objec
     given = [np.asarray(matrix, dtype=np.float64) for matrix in (mass, damping, stiffness)]
     count = len(given[2])
     if any(matrix.shape != (count, count) for matrix in given):
-        raise InputError("matrices", ", ".join(str(m.shape) for m in given), "three square matrices of one size")
+        raise InputError("matrices", ", ".join(str(m.shape) for m in given), "three square matrices of the same size")
     iota = np.ones(count) if influence is None else np.asarray(influence, dtype=np.float64)
     if iota.shape != (count,):
         raise InputError("influence", f"shape {iota.shape}", f"shape ({count},)")

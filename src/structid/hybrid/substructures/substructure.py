@@ -64,7 +64,7 @@ class Substructure:
         for what in ("damping", "stiffness"):
             if len(getattr(self, what)) != count:
                 came = f"{len(getattr(self, what))} degrees of freedom, but the mass has {count}"
-                raise InputError(f"{self.name}: {what}", came, "matrices of one size")
+                raise InputError(f"{self.name}: {what}", came, "matrices of the same size")
         if np.linalg.eigvalsh(self.mass).min() <= 0.0:
             raise InputError(
                 f"{self.name}: mass",
@@ -91,7 +91,7 @@ class Substructure:
 
     def _interface(self, count: int) -> np.ndarray:
         given = np.asarray(self.interface)
-        where, allowed = f"{self.name}: interface", f"numbers from 0 to {count - 1}, or a matrix of {count} columns"
+        where, allowed = f"{self.name}: interface", f"numbers from 0 to {count - 1}, or a matrix with {count} columns"
         if given.ndim == 2:
             if given.shape[1] != count:
                 raise InputError(where, f"a matrix of shape {given.shape}", allowed)
@@ -149,7 +149,7 @@ class Substructure:
 
     @cached_property
     def largest_frequency(self) -> float:
-        """Largest frequency of its modes with a free interface [rad/s]."""
+        """Largest natural frequency of the part with a free interface [rad/s]."""
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         return float(np.sqrt(max(squares.max(), 0.0)))
 
@@ -166,10 +166,10 @@ def proportional_damping(
     frequencies: Sequence[float],
     ratio: float,
 ) -> Float[np.ndarray, "dof dof"]:
-    """Damping a₀ M + a₁ K₀ of a part, from frequencies of the whole structure.
+    """Return the damping matrix a₀ M + a₁ K₀ of a part, from frequencies of the whole structure.
 
-    ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with a single frequency, a₀ = 0. All parts have the coefficients of the whole structure,
-    so that their dampings add up to the damping of the whole structure.
+    ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with a single frequency, a₀ = 0. All parts use the coefficients of the whole
+    structure, so their damping matrices add up to its damping matrix.
     """
     if len(frequencies) == 1:
         return np.asarray(2.0 * ratio / frequencies[0] * stiffness)

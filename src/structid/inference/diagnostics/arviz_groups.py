@@ -18,9 +18,9 @@ LIBRARY = {
     "inference_library_version": importlib.metadata.version("structid"),
     "creation_library": "structid",
 }
-"""Attributes of every group, as in the schema."""
+"""Attributes of every group, named as in the ArviZ schema."""
 EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m", "rotation": "rad"}
-"""SI unit of an excitation, by its kind; each of several signals has its own unit."""
+"""SI unit of each kind of excitation; every signal of an excitation has its own kind."""
 
 
 def groups_of_draws(
@@ -29,7 +29,7 @@ def groups_of_draws(
     statistics: Mapping[str, np.ndarray],
     units: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Groups that every sampler has: the posterior and the statistics of its draws."""
+    """Groups available for every sampler: the posterior and the statistics of its draws."""
     import xarray
 
     dims = ("chain", "draw")
@@ -48,7 +48,7 @@ def groups_of_draws(
 def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
     """Variables of draws (chain, draw, parameter) in SI, each with its SI unit, its declared unit, and their ratio.
 
-    ``units`` is the attribute of the netCDF convention that xarray prints on axes.
+    ``units`` is the netCDF convention's attribute, with which xarray labels the axes of plots.
     """
     return {
         name: (
@@ -120,7 +120,7 @@ def groups_of_measurement(
 
 
 def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
-    """Add the SI unit to every variable of channels or excitations."""
+    """Add the SI unit to every variable that holds channels or excitations."""
     for index, observation in enumerate(posterior.observations):
         suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
         driven = ", ".join(EXCITATION_UNITS.get(kind, "SI") for kind in observation.record.kind.split("+"))

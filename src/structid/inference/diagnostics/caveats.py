@@ -11,14 +11,16 @@ from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.models.base import StandIn
 
 SURROGATE_NATS = 2.0
-"""Change of a log-likelihood by a surrogate's mean error that causes a warning [nat]."""
+"""Change of the log-likelihood due to a surrogate's mean error above which a warning is given [nat]."""
 
 
 def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[np.ndarray, " parameter"]) -> list[str]:
     """Evidence against the model, one sentence each."""
     sentences = []
     if best.unexplained > UNEXPLAINED_LIMIT:
-        left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
+        left = (
+            f"The model's best prediction leaves {100.0 * best.unexplained:.0f} % of the measured variance unexplained"
+        )
         if best.of_another_size:
             left += (
                 f", and its peak is {best.peak:.2g} times the measured peak: check the units of measurement, record and priors; "
@@ -33,7 +35,7 @@ def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[
 def surrogate_warnings(
     posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], unexplained: float, certified: bool | None
 ) -> list[str]:
-    """Warnings where a surrogate may have shifted the posterior."""
+    """Warnings that a surrogate may have shifted the posterior."""
     stand_in = posterior.model.stand_in
     if stand_in is None or certified:
         return []
@@ -46,7 +48,11 @@ def surrogate_warnings(
         )
     outside = float(stand_in.outside(np.asarray(posterior.model_parameters(draws))).mean())
     if outside > 0.0:
-        cure = "widen its design, or do more model runs there" if certified is None else "the next runs are made there"
+        cure = (
+            "widen its design, or do more model runs there"
+            if certified is None
+            else "the next model runs are placed there"
+        )
         warnings.append(
             f"{outside:.1%} of the draws lie outside the range of the surrogate's runs, where the surrogate is unreliable: "
             + cure
@@ -55,6 +61,6 @@ def surrogate_warnings(
 
 
 def _matters(posterior: Posterior, stand_in: StandIn, unexplained: float) -> bool:
-    """Whether a surrogate's error changes the log-likelihood by more than `SURROGATE_NATS`: T/2 · ε/u."""
+    """Whether T/2 · ε/u, with surrogate error ε and unexplained variance u, exceeds `SURROGATE_NATS`."""
     samples = sum(len(o.values) for o in posterior.observations)
     return 0.5 * samples * stand_in.relative_error > SURROGATE_NATS * unexplained

@@ -15,16 +15,16 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.traceable import as_traceable
 
 SEEN = 1.0
-"""Information relative to the prior's below which the data determine a combination less well than the prior."""
+"""Ratio of the data's to the prior's information below which the prior determines a combination better."""
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Fisher information of the model's parameters and nuisances, relative to the prior.
+    """Fisher information of the model and nuisance parameters, relative to the prior.
 
     With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
-    prior's standard deviations s, F̃ = diag(s) F diag(s). An eigenvalue of F̃ is the factor by which the data determine a
-    combination better than the prior (in variance).
+    prior's standard deviations s, F̃ = diag(s) F diag(s). An eigenvalue of F̃ is the ratio of a
+    combination's prior variance to its variance from the data alone.
     """
 
     names: tuple[str, ...]  # parameters
@@ -53,7 +53,7 @@ class Identifiability:
 
 
 def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> Identifiability:
-    """Fisher information at a point, by exact sensitivities."""
+    """Compute the Fisher information at a point, from exact sensitivities."""
     as_traceable(posterior.model, "identifiability", "a built-in model")
     error_parameters = posterior.likelihood.discrepancy_names
     kept = [i for i, name in enumerate(posterior.names) if name not in error_parameters]

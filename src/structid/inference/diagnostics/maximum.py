@@ -14,7 +14,7 @@ from structid.probability.space import ParameterSpace
 def maximum(
     target: Target, draws: Float[np.ndarray, "draw parameter"], log_density: Float[np.ndarray, " draw"]
 ) -> Float[np.ndarray, " parameter"]:
-    """Search for the maximum of a density from the best of its draws."""
+    """Search for the maximum of a density, starting from the draw with the highest density."""
     best = draws[int(np.argmax(log_density))]
     sd = np.maximum(draws.std(axis=0), 1e-12 * np.maximum(np.abs(draws.mean(axis=0)), 1e-300))
     bounds = target.bijection.bounds
@@ -27,7 +27,7 @@ def maximum(
 
 
 class _NegativeLogDensity:
-    """−log π as an objective; its curvature for whitening is the inverse of the draws' covariance."""
+    """The objective −log π, with the inverse covariance of the draws as its curvature."""
 
     scale = 1.0
     differentiable = True

@@ -55,7 +55,7 @@ class Summary(ShownAsText):
 
     @property
     def error_sds(self) -> list[ErrorSD]:
-        """Standard deviation of the errors, the square root of each variance, in the unit of the measurement."""
+        """Standard deviations of the errors (square roots of the error variances), in the unit of the measurement."""
         sds = []
         for name, unit in self.sd_units.items():
             row, variance = self.row(name), factor(self.units[self.names.index(name)])

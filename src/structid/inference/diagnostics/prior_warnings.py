@@ -1,4 +1,4 @@
-"""Warnings about marginals at a bound of their prior, or in its far tail."""
+"""Warnings about posterior marginals at a bound or in the far tail of their prior."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from structid.probability.space import ParameterSpace
 BOUND_WIDTH = 0.02
 """Width of the strip along a prior bound, relative to the range between the prior's 5 and 95 % quantiles."""
 BOUND_MASS = 0.2
-"""Posterior mass in this strip above which a marginal is at the bound."""
+"""Posterior mass in the strip along a prior bound above which a marginal counts as being at the bound."""
 TAIL_PROBABILITY = 1e-3
-"""Prior tail probability of a posterior median below which prior and data disagree."""
+"""Prior tail probability at the posterior median below which prior and data disagree."""
 AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
 """A bound truncates a marginal if at least this mass lies within this many posterior standard deviations of the bound."""
 
@@ -50,7 +50,7 @@ def prior_warnings(space: ParameterSpace, draws_of_all: Float[np.ndarray, "draw 
                 warnings.append(PriorWarning(sentence, cure))
         p = float(marginal.cdf(np.median(draws)))
         if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
-            where = f"in the far tail of its prior (at probability {p:.1g})"
+            where = f"in the far tail of its prior (tail probability {min(p, 1.0 - p):.1g})"
             sentence = f"the posterior of {name} lies {where}: prior and data disagree"
             warnings.append(PriorWarning(sentence, "Check the prior, the units and the model, and run again."))
     return warnings

@@ -1,4 +1,4 @@
-"""Whitened residuals of a fit, the test that they are white, and warnings if they are not."""
+"""Whitened residuals of a fit, a test of their whiteness, and warnings if they are correlated."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from structid.inference.error_models.base import ErrorModel
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
-"""Autocorrelation of a whitened residual at which the error model is considered wrong."""
+"""Autocorrelation of a whitened residual above which the error model is considered wrong."""
 WHITE_BOUND = 5.0
-"""The same limit in standard deviations, 1/√T, of white noise's autocorrelation, since short histories are noisy."""
+"""Limit for short histories, in standard deviations 1/√T of white noise's autocorrelation; the larger limit applies."""
 SHARE_OF_LAGS = 0.1
 """Largest examined lag, as a fraction of the history."""
 UNEVEN = 3.0
 """Ratio of a spectral peak to white noise above which it is reported; peaks of white noise reach 2.4."""
 MUCH_WIDER = 1.5
-"""Ratio of robust to posterior standard deviations that causes a warning."""
+"""Ratio of the robust to the posterior standard deviation above which a warning is given."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
-    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent unit normals if model and error model hold."""
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent N(0, 1) if model and error model hold."""
 
     channel: str  # measured channel
     record: str  # name of the record
@@ -37,7 +37,7 @@ class WhitenedResidual:
 
     @property
     def autocorrelation(self) -> np.ndarray:
-        """ρ at the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
+        """Autocorrelation at the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
         count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
         covariance = autocovariance(self.values[:, None])[:count, 0]
         return np.asarray(covariance / covariance[0])
@@ -56,14 +56,14 @@ class WhitenedResidual:
 
     @property
     def largest(self) -> tuple[float, float]:
-        """The largest absolute autocorrelation, and its lag [s]."""
+        """The autocorrelation of largest magnitude, and its lag [s]."""
         correlation = self.autocorrelation
         lag = 1 + int(np.argmax(np.abs(correlation[1:])))
         return float(correlation[lag]), lag * self.dt
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Frequency [Hz] of the largest spectral value, and its ratio to white noise."""
+        """Frequency [Hz] of the spectral peak, and the ratio of its power to white noise."""
         frequency, power = self.spectrum
         index = int(np.argmax(power))
         return float(frequency[index]), float(power[index])

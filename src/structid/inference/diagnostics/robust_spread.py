@@ -1,4 +1,4 @@
-"""Standard deviations of posterior means that hold for a wrong model or error model, and their uncertainty."""
+"""Standard deviations of posterior means, valid even for a wrong model or error model, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from jaxtyping import Float
 from structid.inference.likelihood.posterior import Posterior
 
 LONG_RUN_SHARE = 1.0 / 6.0
-"""Width of the window of a long-run covariance, as a fraction of the history."""
+"""Width of the lag window of a long-run covariance, as a fraction of the history."""
 
 KEPT = 1.0 - 0.75 * LONG_RUN_SHARE
-"""Remaining fraction of the covariance of white noise when terms are centred on their own mean."""
+"""Fraction of white noise's long-run covariance that remains after its terms are centred on their own mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,28 +26,28 @@ class RobustSpread:
 
     @property
     def same(self) -> bool:
-        """Whether they equal the posterior's standard deviations, because the residuals are white."""
+        """Whether the standard deviations equal the posterior's, as they do if the residuals are white."""
         return not self.error.any()
 
     def at_least(self, sd: Float[np.ndarray, " parameter"]) -> RobustSpread:
-        """Raise standard deviations to at least the posterior's own."""
+        """Raise the standard deviations to at least the posterior's."""
         wider = self.sd > sd
         return RobustSpread(np.where(wider, self.sd, sd), np.where(wider, self.error, 0.0))
 
 
 def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> RobustSpread:
-    """Sandwich standard deviations of the posterior means: their variation over measurements for a wrong model or error model.
+    """Compute sandwich standard deviations of the posterior means, valid even for a wrong model or error model.
 
-    The influence of the measurement at time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior (R.
-    Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466); the variance of the mean
-    is the long-run covariance of ψ. With the whitened response m and its influence a = Cov(m, θ_j), ψ_t = Σ_c a_tc e_tc. At the
-    fit, the residual is (I − P) e, with P the projection on all a. Therefore ψ sums to almost zero, and the estimate is too small.
-    Its expectation for white e is
+    The influence of the measurement at time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the
+    posterior (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466);
+    the variance of the mean is the long-run covariance of ψ. With the whitened response m, its influence a = Cov(m,
+    θ_j) and the whitened errors e, ψ_t = Σ_c a_tc e_tc. At the fit, the residual is (I − P) e, with P the projection on
+    all a. Therefore ψ sums to almost zero, and the estimate is too small. Its expectation for white e is
 
     tr B,   B = diag(a) C W C diag(a) (I − P),
 
-    with the window's Toeplitz matrix W and the centring matrix C. It should be Σa², and is scaled to this. Its relative standard
-    error is ½ √(2 tr B²)/tr B, where P is omitted in B².
+    with the window's Toeplitz matrix W and the centring matrix C. The unbiased expectation is Σa², so the estimate is
+    scaled by Σa²/tr B. The relative standard error of its square root is ½ √(2 tr B²)/tr B, where P is omitted in B².
     """
     influences = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
     # A common basis, over all observations, of the responses that the parameters can produce.
@@ -111,9 +111,9 @@ def parzen(x: np.ndarray) -> np.ndarray:
 
 
 def _traces(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Traces of D diag(power) and of its square, D = C W C over the norm of `long_run_covariance`, for every column of powers.
+    """Traces of D diag(p) and of its square for every column p of `power`, with D = C W C / `KEPT`.
 
-    D_ts = w_ts + u_t + u_s with u = m/2 − r, r the means of W's rows and m their mean.
+    The entries of C W C are w_ts + u_t + u_s with u = m/2 − r, r the row means of W and m their mean.
     """
     samples = len(power)
     window = _lag_window(samples)

@@ -1,9 +1,9 @@
-"""Check by a second, different sampler that draws represent their density.
+"""Check, with a second sampler of a different kind, that draws represent their density.
 
-Particles from the prior lose narrow modes and move slowly along ridges. Chains depend on their starting points. Modes are
-therefore searched by optimisation from the draws, from known points (such as a calibration's model runs) and from the prior.
-Particles then start evenly around all these modes and are tempered to the density. The masses of the modes in the first
-sampler's draws are not used.
+Particles from the prior lose narrow modes and move slowly along ridges. Chains depend on their starting points. An
+optimiser therefore searches for modes from the draws, from known points (such as a calibration's model runs) and from
+the prior. Particles then start evenly around all these modes and are tempered to the density. The masses of the modes
+in the first sampler's draws are not used.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from structid.inference.sampling.smc.smc import SMC
 from structid.inference.target import Target
 
 SCOUTS = 100
-"""Number of prior draws that start a search for modes, per square of the number of parameters."""
+"""Number of prior draws from which the search for modes starts, divided by the square of the number of parameters."""
 DRAWN = 10
 """Number of prior draws per chosen starting point of a search."""
 MOST_DRAWN = 100_000
-"""Largest number of prior draws, unless the chosen starting points alone are more."""
+"""Largest number of prior draws, unless more starting points are chosen."""
 NEGLIGIBLE = 1e-3
-"""Mass of a mode, relative to the total by Laplace's approximation, below which it is ignored."""
+"""Laplace approximation of a mode's mass, relative to the total, below which the mode is ignored."""
 TOLERANCE = 0.05
 """Accepted difference of modes' mass fractions, of means (in standard deviations), and of standard deviations (relative)."""
 EVIDENCE = 0.25
 """Accepted difference of log Z [nat]. A tempering run along a ridge loses this much, and draws that miss a fifth of the
 probability also differ in mass fractions, means or standard deviations."""
 ERRORS = 3.0
-"""Standard errors beyond the tolerance at which two samplers disagree."""
+"""Number of standard errors beyond the tolerance above which two samplers disagree."""
 PARTICLES = 2000
-"""Draws used by the second sampler."""
+"""Approximate number of the first sampler's draws from which the second sampler is set up."""
 SECOND_SAMPLER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
 """The second sampler."""
 LONGEST = 16
-"""Factor on the second sampler's steps in a second attempt after a disagreement; the first half of them is discarded."""
+"""Factor on the number of steps of a second attempt, after a disagreement; the attempt discards their first half."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def check_representation(
     evidence: Evidence | None = None,
     longest: int = LONGEST,
 ) -> Representation:
-    """Sample a target a second time, and compare draws with the result."""
+    """Sample a target with a second sampler, and compare the given draws with the result."""
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
     some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
     density = target.evaluate(some)[0]
@@ -168,7 +168,7 @@ def _modes(
 
 
 def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
-    """Nearest mode of each point under the Laplace approximations: (..., mode) of zeros and ones."""
+    """Nearest mode of each point under the Laplace approximations, as zeros and ones of shape (..., mode)."""
     distances = []
     for mode in modes:
         standard = np.linalg.solve(mode.factor, (phi.reshape(-1, phi.shape[-1]) - mode.middle).T)
@@ -188,14 +188,14 @@ def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
         gap = abs(shares[0].mean() - shares[1].mean())
         if gap > TOLERANCE + ERRORS * error:
             sentences.append(
-                f"{shares[0].mean():.0%} of the draws lie at mode {mode + 1} of {first.shape[-1]}, but {shares[1].mean():.0%} of "
-                "the draws of a second sampler, which starts evenly at all modes"
+                f"{shares[0].mean():.0%} of the draws lie at mode {mode + 1} of {first.shape[-1]}, against "
+                f"{shares[1].mean():.0%} of the draws of a second sampler, which starts evenly at all modes"
             )
     return sentences
 
 
 class _Gaps(NamedTuple):
-    """Gaps of means, in standard deviations, and relative gaps of standard deviations, each with its error, shape (parameter,)."""
+    """Differences of means, in sd, and relative differences of sd, each with its standard error, shape (parameter,)."""
 
     mean: np.ndarray
     mean_error: np.ndarray
@@ -204,7 +204,7 @@ class _Gaps(NamedTuple):
 
 
 def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
-    """Gaps between the moments of two samplers' draws."""
+    """Differences between the moments of two samplers' draws."""
     gaps = np.zeros((4, first.shape[-1]))
     for index in range(first.shape[-1]):
         first_draws, second_draws = first[..., index], second[..., index]
@@ -232,9 +232,13 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
-    """Probability found by one sampler only: log Z = log ∫ of the same density."""
+    """Sentence if log Z differs, that is, if only one of the samplers finds a part of the total probability."""
     gap, error = second - first
     if abs(gap) <= EVIDENCE + ERRORS * error:
         return []
-    missing = "the draws have missed a part" if gap > 0.0 else "it has missed a part, so that this check proves nothing"
+    missing = (
+        "the draws have missed a part"
+        if gap > 0.0
+        else "the second sampler has missed a part, so this check is inconclusive"
+    )
     return [f"a second sampler finds {np.exp(gap):.2g} times the total probability: {missing}"]

@@ -24,7 +24,7 @@ TAILS = (0.01, 0.99)
 SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
 """Explanation added to an effective sample size."""
 ERRORS_APART = 5.0
-"""Largest accepted difference of two estimates, in standard errors, among some dozens of comparisons."""
+"""Largest accepted difference of two estimates, in standard errors, when dozens of estimates are compared."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Verdict(ShownAsText):
 
     @property
     def another_size(self) -> bool:
-        """Whether the best prediction differs from the measurement so much in size that a unit is probably wrong."""
+        """Whether the peaks of the best prediction and the measurement differ so much that a unit is probably wrong."""
         return self.best.of_another_size
 
     wrong_law = renamed_attribute("wrong_law", "wrong_error_model")
@@ -155,7 +155,7 @@ def unrest(
     quantity = (*names, "the log density")[index]
     return [
         f"the particles are not in equilibrium: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard "
-        "errors while they move; regions they have not reached are missing in the draws and in the evidence"
+        "errors while they move; regions they have not reached are missing from the draws and the evidence"
     ]
 
 

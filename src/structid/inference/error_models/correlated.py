@@ -1,11 +1,11 @@
 """Correlated errors in state-space form: a likelihood of cost O(T), by a Kalman filter over all runs at once.
 
-ε_t = s_t + e_t, with e white and s a stationary Gaussian process that is one component of a linear system
+ε_t = s_t + e_t, with white noise e and a stationary Gaussian process s, which is one component of a linear system
 
     x_{t+1} = F x_t + q_t,   q ~ N(0, P∞ − F P∞ Fᵀ),   s_t = (1, 0, …) x_t
 
-Sampled at a constant step, s has exactly the kernel that names the error model (J. Hartikainen & S. Särkkä 2010,
-doi 10.1109/MLSP.2010.5589113; damped cosine: D. Foreman-Mackey et al. 2017, doi 10.3847/1538-3881/aa9332).
+Sampled at a constant step, s has exactly the kernel after which the error model is named (J. Hartikainen & S. Särkkä
+2010, doi 10.1109/MLSP.2010.5589113; damped cosine: D. Foreman-Mackey et al. 2017, doi 10.3847/1538-3881/aa9332).
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
 """Maps a state and the current measurements to the next state and to the innovation v with its precision 1/S."""
 
 HUGE = 1e100
-"""Scaling unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed the range of a float."""
+"""Unit of a running product of factors from 1 to 1/SMALLEST_WHITE, which may exceed the range of a float."""
 
 SMALLEST_WHITE = 1e-10
-"""Fraction of the correlated variance added to the white variance, so that a smooth process stays regular."""
+"""Share of the correlated variance added to the white variance to keep a smooth process's covariance invertible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Correlated(Discrepancy):
 
     @abstractmethod
     def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
-        """Prior of a parameter of the kernel."""
+        """Default prior of a kernel parameter."""
 
     @abstractmethod
     def _transition(self, shapes: Mapping[str, Any], dt: float, numpy: Any) -> tuple[Matrix, list[Any]]:
@@ -151,8 +151,8 @@ class Correlated(Discrepancy):
     ) -> tuple[State, Step, Any]:
         """Distribution of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
 
-        A state is the mean of x and the upper triangle of its covariance, each stored as one array. XLA compiles fast loops over
-        a few large arrays, but slow loops over many small arrays.
+        A state is the mean of x and the upper triangle of its covariance, each stored as one array. XLA's loops are
+        fast over a few large arrays, but slow over many small arrays.
         """
         transition, noise, stationary, white = self._system(unknown, channels, runs, dt, jnp)
         white = white + more_white

@@ -75,7 +75,7 @@ class Drifting(ErrorModel):
                 "Drifting(every)",
                 f"{self.every:g} s, which puts {duration / self.every:.0f} knots in a record of {duration:g} s",
                 f"{duration / MOST_SPANS:.3g} s or more",
-                "Use a longer time: parameters that change with every cycle explain any measurement.",
+                "Use a longer time between knots: parameters that change in every cycle can fit any measurement.",
             )
         return replace(self, every=self.every or duration / SPANS, _space=space)
 

@@ -1,4 +1,4 @@
-"""Independent Gaussian errors, the error model of the thesis."""
+"""Independent Gaussian errors, the error model of the MSc thesis in docs/bibliography.md."""
 
 from __future__ import annotations
 

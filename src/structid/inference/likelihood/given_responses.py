@@ -1,4 +1,4 @@
-"""A posterior whose model runs are given, such as the runs of a campaign."""
+"""A posterior computed from model runs made beforehand, such as the runs of a campaign."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.inference.likelihood.observation_likelihood import ObservationLike
 
 
 class GivenResponses:
-    """A posterior whose model runs are given."""
+    """A posterior computed from model runs made beforehand."""
 
     def __init__(
         self, likelihood: JointLikelihood, responses: Sequence[np.ndarray], compiled: Sequence[Callable[..., Any]]

@@ -29,7 +29,7 @@ class JointLikelihood:
 
     θ holds the model's parameters, then nuisance and error-model parameters of each observation, numbered ``_1``, ``_2``, … if
     there are several. Errors inside the model belong to a test: observations of different channels on the same record share
-    them, with the number of the first observation.
+    them, and their names end in the number of the first of these observations.
     """
 
     def __init__(

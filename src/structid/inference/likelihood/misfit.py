@@ -26,7 +26,7 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 GRADIENT_BATCH = 64
-"""Number of runs differentiated at once; every parameter adds a history."""
+"""Number of runs differentiated at once; every parameter adds one history to each run."""
 
 
 class Misfit:
@@ -56,7 +56,7 @@ class Misfit:
 
     @cached_property
     def scale(self) -> float:
-        """Σ y² over every measurement, in the units of J."""
+        """Σ y² over all measurements, weighted as in J."""
         return float(sum((o.values**2 * w).sum() for o, w in zip(self._observations, self._weights, strict=True)))
 
     @property
@@ -106,7 +106,7 @@ class Misfit:
         return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
 
     def _linearised_on_the_way(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
-        """J, ∇J and 2 JᵀJ inside JAX for loops over time with sensitivities: sums along the record, without histories."""
+        """J, ∇J and 2 JᵀJ inside JAX, summed in a loop over time with sensitivities, without storing histories."""
         sums_of_observations = []
         for numbers in self._likelihood.of_one_run:
             first = numbers[0]

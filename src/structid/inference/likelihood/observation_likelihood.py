@@ -1,7 +1,7 @@
 """The likelihood of one observation: record, values, nuisance parameters, error model and shortcut.
 
-Every likelihood is computed here: for the posterior, the misfit, given responses, and the simulated measurements of a simulation-
-based calibration. It is traced inside JAX, or computed on the host for a model outside JAX.
+Every likelihood is computed here: for the posterior, the misfit, given responses, and simulation-based calibration.
+It is traced inside JAX, or computed on the host for a model outside JAX.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class ObservationLikelihood:
         return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
 
     def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
-        """Return the function that computes the difference of response and measurement, in known standard deviations."""
+        """Return a function for measurement minus response, divided by the standard deviations if these are known."""
         if self.observation.sd is None:
             return lambda response, values: values - self.shown(response, theta)
         count = len(self.channels)
@@ -133,7 +133,7 @@ class ObservationLikelihood:
 
     @property
     def needs_only_squares(self) -> bool:
-        """Whether error model and instrument need only a sum of squares."""
+        """Whether error model and instrument need only the sum of squared residuals."""
         return self.discrepancy.independent and not self.observation.nuisances()
 
     # --- inside JAX ---------------------------------------------------------------------------------------------

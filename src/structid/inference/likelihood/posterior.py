@@ -134,12 +134,12 @@ class Posterior(Target):
 
     @property
     def hidden(self) -> frozenset[str]:
-        """Values of the errors inside the model at single times; see `ErrorModel.hidden_parameters`."""
+        """Names of the latent values of the errors inside the model; see `ErrorModel.hidden_parameters`."""
         return self.likelihood.hidden_names
 
     @property
     def variances(self) -> frozenset[str]:
-        """Variances of the error model; all error models use the same names."""
+        """Names of the error model's variances; they begin with ``sigma2`` in every error model."""
         return frozenset(n for n in self.names[self.model_space.dimension :] if n.startswith("sigma2"))
 
     @property
@@ -387,7 +387,7 @@ class Posterior(Target):
         Returns
         -------
         GivenResponses
-            Posterior that computes log densities of parameters, with one row for each run.
+            Posterior that computes the log density of parameters; each row of parameters belongs to one run.
         """
         return GivenResponses(self.likelihood, responses, self._compiled_given)
 

@@ -83,7 +83,7 @@ def _folded(
 ) -> tuple[Any, Any]:
     """Values of all folds, and whether the response is finite, from one loop over time.
 
-    `plain` contains residuals and folds that depend on the model's parameters only through the response.
+    `plain` means that residuals and folds depend on the model's parameters only through the response.
     """
     first, values = bounds[0], tuple(data_of_one.values for data_of_one in data)
     at = lax.stop_gradient(theta) if plain else theta

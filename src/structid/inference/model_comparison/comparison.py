@@ -21,7 +21,7 @@ from structid.inference.sampling.base import Evidence
 BLOCKS = 40
 """Number of stretches of a history."""
 GOOD_K_HAT = 0.7
-"""Tail index above which importance weights cannot represent the posterior without a stretch."""
+"""Pareto tail index above which importance weights cannot represent the posterior without a stretch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,16 +38,16 @@ class LeaveOut:
 
     @property
     def error(self) -> float:
-        """Standard error of this sum, from the scatter of the stretches [nat]."""
+        """Standard error of the sum over the stretches, from their scatter [nat]."""
         return float(np.sqrt(len(self.each) * self.each.var(ddof=1)))
 
     @property
     def unreliable(self) -> int:
-        """Number of stretches with too heavy-tailed weights."""
+        """Number of stretches whose importance weights are too heavy-tailed."""
         return int(np.count_nonzero(self.k_hat > GOOD_K_HAT))
 
     def less(self, other: LeaveOut) -> tuple[float, float]:
-        """Difference in log predictive density from another class on the same stretches, with its error."""
+        """Difference in log predictive density from another class on the same stretches, with its standard error."""
         gap = self.each - other.each
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
 
@@ -190,7 +190,7 @@ class Comparison(ShownAsText):
             "log Bayes factor against the best [nat]",
             "probability among these classes",
             "log predictive density of all stretches left out [nat]",
-            "its difference from the best class [nat]",
+            "difference in log predictive density from the best class [nat]",
             "residual variance of the best prediction",
             "measured values inside the 90 % band",
         ]

@@ -13,7 +13,7 @@ SMALLEST_TAIL = 5
 """Minimum number of draws in the tail; with fewer, k̂ is infinite."""
 
 PRIOR_DRAWS, PRIOR_K = 10.0, 0.5
-"""Number of prior draws that shrink the fitted shape towards ½ (Vehtari et al., appendix C)."""
+"""Weight of the prior on the fitted shape, in draws, and the shape's prior value (Vehtari et al., appendix C)."""
 
 
 def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray, float]:
@@ -29,7 +29,7 @@ def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray
 
 
 def _smooth_tail(weights: np.ndarray) -> float:
-    """Replace the largest weights, in place, by the expected order statistics of a generalised Pareto distribution; returns k̂."""
+    """Replace the largest weights, in place, by expected order statistics of a fitted Pareto tail; return k̂."""
     count = len(weights)
     # M = min(S/5, 3 √S) draws are the tail.
     length = int(np.ceil(min(count / 5.0, 3.0 * np.sqrt(count))))

@@ -1,4 +1,4 @@
-"""Scale factors of prediction bands on another record, from their coverage on the measured record.
+"""Scale factors for prediction bands on another record, from their coverage on the measured record.
 
 A wrong model's error enters its predictions twice: as added errors, and as parameters that drift differently. A prediction
 of the measured record as if it were another record shows their combined width (conformal prediction: J. Lei et al. 2018, doi
@@ -18,13 +18,13 @@ from structid.inference.prediction.error_growth import running_power
 PROBABILITY = 0.9
 """Probability of the compared bands."""
 LEVELS = np.array([-5.5, -4.5, -3.5, -2.5, -1.5, -0.5])
-"""Decades of the response's running power relative to its maximum; each has its own factor."""
+"""Centres of the decades of the response's running power, log₁₀ relative to its maximum; each has its own factor."""
 LIMITS = (0.02, 4.0)
-"""Limits of the factors, since one record supports no larger correction."""
+"""Smallest and largest factor; one record supports no larger correction."""
 FEWEST = 50
-"""Minimum number of samples for a decade with its own factor."""
+"""Minimum number of samples for a decade to have its own factor."""
 ROUNDS = 6
-"""Number of iterations for the factors; the scale is interpolated between the decades."""
+"""Number of iterations for the factors, which interact because the scale is interpolated between the decades."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def _between(power: np.ndarray, factors: np.ndarray) -> np.ndarray:
 
 
 def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """Factors of one channel, from distances in half-widths of the band."""
+    """Factors of one channel, from the distances of measured values to the median, in half-widths of the band."""
     decade = np.clip(np.round(power - LEVELS[0]).astype(int), 0, len(LEVELS) - 1)
     populated = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
     if not populated:
@@ -90,7 +90,7 @@ def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 def _enough(away: np.ndarray) -> float:
-    """Half-widths that cover a next value with 90 %: the ⌈(n + 1) p⌉-th smallest of n values, here of n correlated values."""
+    """Half-widths that cover a next value with probability p: the p (n + 1)/n quantile, n the effective size."""
     outside = (away > np.quantile(away, PROBABILITY)).astype(np.float64)
     count = len(away) / autocorrelation_time(outside[None]) if outside.any() else 1.0
     return float(np.quantile(away, min(PROBABILITY * (count + 1.0) / count, 1.0)))

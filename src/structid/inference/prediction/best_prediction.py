@@ -14,7 +14,7 @@ UNEXPLAINED_LIMIT = 0.25
 
 
 WRONG_BY = 8.0
-"""Ratio of peaks beyond which a unit is likely to be wrong: g for m/s² is a factor of 9.8."""
+"""Ratio of two peaks above which a unit is probably wrong; g in place of m/s² gives a ratio of 9.8."""
 
 
 class BestPrediction(NamedTuple):
@@ -26,7 +26,7 @@ class BestPrediction(NamedTuple):
 
     @property
     def of_another_size(self) -> bool:
-        """Whether it differs from the measurement so much in size that a unit is probably wrong; False for a good fit."""
+        """Whether predicted and measured peak differ so much that a unit is probably wrong; False for a good fit."""
         has_peak = bool(np.isfinite(self.peak))  # a failed run has no peak
         return has_peak and self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
 

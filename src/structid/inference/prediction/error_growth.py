@@ -11,7 +11,7 @@ from jaxtyping import Float
 from structid.inference.likelihood.posterior import Posterior
 
 PERIODS = 2.0
-"""Periods of the response over which its power is averaged."""
+"""Number of dominant periods of the response over which its power is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class ErrorGrowth:
 
 
 def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Float[np.ndarray, "time channel"]:
-    """Mean square of a response over two of its dominant periods."""
+    """Running mean square of a response over two dominant periods."""
     spectrum = (np.abs(np.fft.rfft(response - response.mean(axis=0), axis=0)) ** 2).sum(axis=1)
     frequency = max(int(np.argmax(spectrum)), 1) / (len(response) * dt)
     width = int(np.clip(round(PERIODS / (frequency * dt)), 1, len(response)))
@@ -41,7 +41,7 @@ def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Flo
 
 
 def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
-    """Fraction of the error variance proportional to the response's power, by non-negative least squares of running powers."""
+    """Fraction of the error variance proportional to the response's power, by non-negative least squares."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
     residual, dt = observation.values - response, observation.record.dt
     channels = len(observation.channels)

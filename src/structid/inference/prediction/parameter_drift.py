@@ -20,7 +20,7 @@ NATS = 5.0
 """Increase of the log-likelihood above which parameters are considered to drift."""
 
 REPORTED_RATIO = 1.2
-"""A drift is reported if it exceeds its prior expectation by more than this ratio. The data do not support a smaller drift."""
+"""Ratio to its prior median above which a drift is reported. The data do not support a smaller drift."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,8 +76,8 @@ class Prediction(ShownAsText):
 
     def __str__(self) -> str:
         runs, samples, _ = self.response.shape
-        failed = f", {self.failed} failed" if self.failed else ""
-        lines = [f"{runs} draws{failed} of the response to {self.excitation or 'a record'}, {samples} samples"]
+        failed = f"; {self.failed} further draws failed" if self.failed else ""
+        lines = [f"{runs} draws of the response to {self.excitation or 'a record'}, {samples} samples{failed}"]
         for channel, peaks in zip(self.channels, self.peaks.T, strict=True):
             unit = self.units[channel].display if channel in self.units else ""
             low, middle, high = np.quantile(peaks, (0.05, 0.5, 0.95)) / factor(unit) if runs else (np.nan,) * 3
@@ -223,7 +223,7 @@ class Predictor:
         return {}
 
     def _growth(self, index: int) -> ErrorGrowth:
-        """Error growth of an observation; costs one run, once."""
+        """Error growth of an observation, computed once, by one model run."""
         if index not in self._growth_of_errors:
             self._growth_of_errors[index] = error_growth(self.posterior, self.theta.mean(axis=0), index)
         return self._growth_of_errors[index]
@@ -313,7 +313,7 @@ class Predictor:
         progress: Progress | None,
         stand_in: Model | None,
     ) -> Histories:
-        """Run the model on a record; `index` names the observation, None another record."""
+        """Run the model on the record of the observation `index`, or on another record if it is None."""
         posterior = self.posterior
         if stand_in is not None:
             space = posterior.model_space
@@ -351,7 +351,7 @@ class Sources:
         channels: tuple[str, ...] | None,
         observation: int | None,
     ) -> Sources:
-        """Choose for every channel an observation on that record, otherwise the first observation of the channel."""
+        """Choose an observation for every channel: one on that record, or else the first of the channel."""
         on_record = [i for i, o in enumerate(observations) if o.record is record]
         here = on_record if observation is None else [observation]
         order = [*here, *(i for i in range(len(observations)) if i not in here)]
@@ -366,15 +366,15 @@ class Sources:
         return sorted({index for index in self.of if index is not None})
 
     def places(self, index: int) -> list[int]:
-        """Indices of the channels whose source is one observation."""
+        """Indices of the channels whose source is the given observation."""
         return [index_of_channel for index_of_channel, source in enumerate(self.of) if source == index]
 
 
 def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
-    """Ratio of the measured to the predicted peak, shape (channel,); instrument noise is added, since it increases peaks.
+    """Ratio of measured to predicted peak, shape (channel,); the prediction includes noise, which raises peaks.
 
-    Errors of a wrong model are smooth, noise is not. σ² is therefore estimated from second differences of the residual, whose
-    variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
+    Errors of a wrong model are smooth, but noise is not. σ² is therefore estimated from second differences of the
+    residual, whose variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
     """
     structural = prediction.response if prediction.structural is None else prediction.structural
     residual = measured - np.median(prediction.response, axis=0)
@@ -393,7 +393,7 @@ def _largest(histories: np.ndarray) -> np.ndarray:
 def _scaled(
     prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
 ) -> Prediction:
-    """A prediction whose errors in some channels are scaled as on the measured record; `response` scales the response too."""
+    """Scale the errors in some channels as on the measured record; `response` also scales the response."""
     if not places:
         return prediction
 

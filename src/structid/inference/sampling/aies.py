@@ -32,7 +32,7 @@ from structid.inference.target import Target
 SETTLING_GAP = 30.0
 """While the ensemble settles, a walker this many nats below the median is considered trapped in a false mode."""
 USUAL_CANDIDATES, USUAL_SETTLING = 20, 100
-"""Default number of candidates for the start of a walker, and default number of settling steps."""
+"""Default number of candidate starting points per walker, and default number of settling steps."""
 START_TRIES = 50
 """Largest number of attempts to draw starting points of finite density."""
 
@@ -119,7 +119,7 @@ class AIES(Sampler):
 
     @property
     def settled_steps(self) -> int:
-        """Number of first steps in which the ensemble settles."""
+        """Number of initial steps during which the ensemble settles."""
         usual = min(USUAL_SETTLING, int(self.discard * self.steps)) // BLOCK_STEPS * BLOCK_STEPS
         return usual if self.settling_steps is None else self.settling_steps
 
@@ -222,7 +222,7 @@ def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Gener
 def run_block(
     target: Target, settings: AIES, state: EnsembleState, seed: int, index: int, steps: int
 ) -> tuple[EnsembleState, Block]:
-    """Move every walker a number of times."""
+    """Move every walker `steps` times."""
     rng = stream(seed, Purpose.ENSEMBLE_MOVES, index)
     state, moves = state.copied(), Moves(settings.stretch, settings.differential_evolution)
     ensembles, walkers, dimension = state.phi.shape
@@ -253,7 +253,7 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
 
 
 def study_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Defaults of a study file, which converge in the benchmark study."""
+    """Default settings of a study file; the benchmark study converges with them."""
     defaults: dict[str, Any] = {
         "walkers": 32,
         "steps": 3000,

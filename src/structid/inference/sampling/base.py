@@ -1,4 +1,4 @@
-"""The interface of samplers: settings that draw from a target in blocks, and the results."""
+"""The interface of samplers: their settings, which draw from a target in blocks, and their results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCK_STEPS = 50
 """Steps between two writes to the store. Random streams are derived block by block, so an interrupted run repeats one block."""
 
 Keep = Callable[[int, Block], None]
-"""Adds the wall time to a block, and stores it on disk under its number."""
+"""Function that adds the wall time to a block and stores the block on disk under its number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Evidence:
         return text if np.isnan(self.smallest_basin) else f"{text} ({self.reach})"
 
     def __sub__(self, other: Evidence) -> LogBayesFactor:
-        """Log Bayes factor against another model of the same measurement: log Z − log Z′, with both errors."""
+        """Log Bayes factor against another model of the same measurement: log Z − log Z′, with its standard error."""
         return LogBayesFactor(self.value - other.value, float(np.hypot(self.error, other.error)))
 
     @property
@@ -90,7 +90,7 @@ class Cost:
 
     @property
     def speed_up(self) -> float:
-        """Accepted moves of the chain per run of the model. Without the surrogate, each move takes a run."""
+        """Accepted moves of the chain per run of the model. Without the surrogate, each move takes one model run."""
         return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
 
     def __str__(self) -> str:
@@ -138,12 +138,12 @@ class Sampler(ABC):
     interacting: ClassVar[bool] = True
     """Whether walkers interact, so that an ensemble must have at least twice as many walkers as there are parameters."""
     exact: ClassVar[bool] = False
-    """Whether it draws from the posterior of the model itself, with a surrogate only for proposals."""
+    """Whether the sampler draws from the posterior of the model itself and uses a surrogate only for proposals."""
 
     starts_elsewhere: ClassVar[bool] = True
     """Whether walkers start away from the posterior and may never reach it."""
     compared: ClassVar[bool] = False
-    """Whether its draws are compared with an independent population, since few chains can all miss a tail or a mode."""
+    """Whether the draws are compared with an independent population, since a few chains may miss a tail or a mode."""
 
     @property
     def proposal_model(self) -> Model | None:
@@ -168,7 +168,7 @@ class Sampler(ABC):
     @property
     @abstractmethod
     def walkers(self) -> int:
-        """Interacting walkers, particles or chains in each ensemble."""
+        """Number of interacting walkers, particles or chains in each ensemble."""
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
@@ -237,7 +237,7 @@ class Sampler(ABC):
 def correlation(
     before: Float[np.ndarray, "ensemble walker parameter"], after: Float[np.ndarray, "ensemble walker parameter"]
 ) -> float:
-    """Largest correlation, over the parameters, between two positions of every walker."""
+    """Largest correlation, among the parameters, between the walkers' positions before and after some moves."""
     a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
     scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
     return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))

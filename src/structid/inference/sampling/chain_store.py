@@ -14,14 +14,14 @@ from structid.core.hashing import digest
 from structid.core.journal import Journal, compare_identity, opened_hdf5
 
 SCHEMA = 5
-"""Version of the file layout, and of the moves that continue from it."""
+"""Version of the file layout and of the sampler moves that continue a stored chain."""
 
 
 class ChainStore:
-    """Blocks of draws that survive a kill: each is on disk before the next begins.
+    """Blocks of draws that remain if the process is killed: each is on disk before the next begins.
 
-    An HDF5 file does not survive a kill while it is extended. Blocks therefore go to a checksummed journal (``<path>.journal``) and
-    are merged into the HDF5 file by write-then-rename.
+    An HDF5 file may become corrupt if the process is killed while extending it. Blocks therefore go to a checksummed
+    journal (``<path>.journal``) and are merged into the HDF5 file by write-then-rename.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:

@@ -28,11 +28,12 @@ from structid.models.base import Model
 START_TRIES = 5
 """Largest number of attempts to find starting points with a finite density under the model itself."""
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
-"""Second-stage acceptance above which sub-chains are doubled, and below which they are halved."""
+"""Second-stage acceptance above which sub-chains double in length, and below which they halve."""
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
-"""Interval of plain moves [steps]; without them, walkers whose density the surrogate understates would never move."""
+"""Steps between plain moves, for a good and a poor surrogate. Without plain moves, walkers whose density the surrogate
+underestimates would never move."""
 DECORRELATED = 0.2
-"""Correlation between a sub-chain's ends below which a longer sub-chain gains little; with 128 walkers its error is 0.1."""
+"""Correlation between start and end of sub-chains below which longer ones gain little (±0.1 with 128 walkers)."""
 
 
 @check_arguments
@@ -202,11 +203,11 @@ class DelayedAcceptance(Sampler):
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
     def _moves(self, proposal: IndependenceProposal | None = None) -> Moves:
-        """The moves, with a distribution for independent proposals."""
+        """Mixture of moves, with the given proposal for independence moves."""
         return Moves(self.stretch, self.differential_evolution, self.independent, proposal)
 
     def _learnt_proposal(self, blocks: list[Block]) -> IndependenceProposal | None:
-        """Distribution of all walkers in the later half of the tuning steps; it then stays fixed.
+        """Proposal fitted to all walkers in the later half of the tuning steps; it then stays fixed.
 
         None before the first step, since walkers may start anywhere.
         """
@@ -353,12 +354,12 @@ class TwoStageState(NamedTuple):
 
     @property
     def under_model(self) -> EnsembleState:
-        """Walkers and their density under the model itself; views."""
+        """Walkers and their density under the model itself, as views."""
         return EnsembleState(self.phi, self.log_density)
 
     @property
     def under_surrogate(self) -> EnsembleState:
-        """Walkers and their density under the surrogate; views."""
+        """Walkers and their density under the surrogate, as views."""
         return EnsembleState(self.phi, self.log_surrogate)
 
     def copied(self) -> TwoStageState:

@@ -18,9 +18,9 @@ from jaxtyping import Float
 from structid.inference.target import Target
 
 DEGREES_OF_FREEDOM = 10.0
-"""Degrees of freedom of the Student-t proposals. Their tails are heavier than a Gaussian's, to reach far walkers."""
+"""Degrees of freedom of the Student-t proposals, whose heavier-than-Gaussian tails reach distant walkers."""
 LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
-"""For each component: the fraction of the walkers, by highest density, to which it is fitted, and its fraction of the
+"""For each component: the fraction of walkers (those of highest density) to which it is fitted, and its fraction of the
 moves."""
 Kind = Literal["independent", "differential evolution", "stretch"]
 """Kind of a move; all moving walkers make the same kind of move."""
@@ -90,9 +90,9 @@ def differential_proposal(
 class IndependenceProposal(NamedTuple):
     """A mixture of Student-t distributions from which independence moves are drawn.
 
-    Each component has `DEGREES_OF_FREEDOM`. Its centre and scale are the mean and covariance of all walkers, or of the walkers of
-    highest density, according to `LAYERS`. If a narrow peak rises from a wide slope, a proposal fitted to all walkers hardly ever
-    proposes the peak, and walkers in it would not leave.
+    Each component has `DEGREES_OF_FREEDOM` degrees of freedom. Its centre and scale are the mean and covariance of all
+    walkers, or of the walkers of highest density, according to `LAYERS`. If a narrow peak rises from a wide slope, a
+    proposal fitted to all walkers hardly ever proposes a point on the peak, and walkers there would be stuck.
     """
 
     middle: Float[np.ndarray, "ensemble layer parameter"]  # centre of each component
@@ -167,8 +167,8 @@ def independent_proposal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
-    x* is drawn from a distribution q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An
-    accepted walker has forgotten its previous position.
+    x* is drawn from a distribution q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i)
+    q(x*))}. After an accepted move, a walker is independent of its previous position.
     """
     proposed = proposal.draw(rng, moving.shape[1])
     return proposed, proposal.log_density(moving) - proposal.log_density(proposed)
@@ -193,7 +193,7 @@ class Moves:
     def there_and_back(self, rng: np.random.Generator, count: int) -> list[Kind]:
         """Draw the kinds of several moves whose sequence is reversible.
 
-        If two moves are each reversible, P_a P_b is not, but P_a P_b P_a and P_a P_b P_b P_a are.
+        If moves a and b are each reversible, the sequence P_a P_b is not, but P_a P_b P_a and P_a P_b P_b P_a are.
         """
         first = [self.kind(rng) for _ in range((count + 1) // 2)]
         return first + first[::-1][count % 2 :]

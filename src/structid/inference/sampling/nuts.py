@@ -36,7 +36,7 @@ START_TRIES = 20
 """Largest number of attempts to draw starting points of finite density."""
 
 LEAPFROGS = 12
-"""Leapfrog steps of a trajectory on typical posteriors."""
+"""Number of leapfrog steps of a trajectory, for a typical posterior."""
 
 
 @check_arguments
@@ -109,7 +109,7 @@ class NUTS(Sampler):
     @property
     def in_words(self) -> str:
         """The settings in one line, for a report."""
-        return f"NUTS, {self.chains} chains × {self.steps} draws after {self.warm_up} of warm-up, dense mass matrix"
+        return f"NUTS, {self.chains} chains × {self.steps} draws after {self.warm_up} warm-up steps, dense mass matrix"
 
     def run(
         self,
@@ -143,7 +143,7 @@ class NUTS(Sampler):
         return Drawn(every["phi"], every["log_density"], every["accepted"], 0, divergent=int(every["divergent"].sum()))
 
     def _start(self, target: Target, seed: int, points: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Starting points of finite density, (chain, parameter), and a first inverse of the mass matrix."""
+        """Starting points of finite density, (chain, parameter), and an initial inverse mass matrix."""
         rng = stream(seed, Purpose.NUTS_START, 0)
         inverse_mass = np.eye(target.dimension)
         if points is not None:
@@ -171,7 +171,7 @@ def _covariance(points: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=2)
 def _kernels(target: Target, settings: NUTS) -> _Kernels:
-    """Compiled kernels of one target, shared by all runs on it: continuing a chain compiles nothing again."""
+    """Compiled kernels of one target, shared by all runs on it, so that continuing a chain needs no recompilation."""
     return _Kernels(target, settings)
 
 
@@ -184,7 +184,7 @@ class _Kernels:
         self._compiled: dict[Any, Callable[..., Any]] = {}
 
     def warmed_up(self, phi: np.ndarray, inverse_mass: np.ndarray, rng: np.random.Generator) -> Block:
-        """Step, mass matrix and position of every chain after the warm-up, as a block of one step."""
+        """Step size, inverse mass matrix and position of every chain after the warm-up, as a block of one step."""
         chains = len(phi)
         first = np.broadcast_to(inverse_mass, (chains, *inverse_mass.shape))
         position, step_size, inverse_mass = self._over_chains("warm-up", self._warm_up)(
@@ -218,7 +218,7 @@ class _Kernels:
         }
 
     def _density(self, data: Any) -> Callable[[Any], Any]:
-        """The log density of one point; forward-mode gradient, since parameters are few and histories long."""
+        """Log density at one point, with a forward-mode gradient, since parameters are few and histories long."""
 
         def plain(phi: Any) -> Any:
             return self._function(phi[None], data)[0]
@@ -235,7 +235,7 @@ class _Kernels:
         return result
 
     def _over_chains(self, name: Any, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Compile once; `function` takes one chain's key and arrays, and the data."""
+        """Compile a function for all chains, once; `function` takes the arrays of one chain, its key, and the data."""
         if name not in self._compiled:
 
             def some_chains(which: Any, *arrays: Any) -> Any:

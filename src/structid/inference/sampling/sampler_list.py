@@ -44,7 +44,7 @@ class SamplerKind:
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Its study-file keys and their types."""
+        """The sampler's study-file keys and their types."""
         hints = get_type_hints(self.settings)
         return {f.name: hints[f.name] for f in fields(self.settings) if f.name not in self.hidden}
 

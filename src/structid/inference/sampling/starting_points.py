@@ -13,7 +13,7 @@ from structid.inference.target import Target
 STARTING_SAMPLER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
 """Sampler that reaches the posterior from the prior by tempering."""
 START_EXPONENT = 0.5
-"""Exponent of the likelihood. The draws are wider than the posterior, so that R-hat is informative."""
+"""Exponent of the likelihood. The draws scatter more widely than the posterior, so that R-hat is informative."""
 
 
 def tempered_draws(

@@ -1,4 +1,4 @@
-"""Faults that a recorded history shows by itself: an offset, a gap of zeros, clipping, a column of times."""
+"""Faults that a recorded history reveals by itself: an offset, a gap of zeros, clipping, a time column."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
 """Channels that are velocities or accelerations."""
 
 OFFSET_AT_REST = 0.02
-"""Ratio of the mean before the record begins to the peak that indicates an uncorrected zero."""
+"""Ratio of the mean before the record begins to the history's peak above which an offset is suspected."""
 
 QUIET = 0.01
 """Fraction of its peak below which a record has not begun."""
 
 STANDARD_ERRORS = 5.0
-"""Standard errors above which a mean at rest is not noise."""
+"""Number of standard errors above which noise does not explain the mean at rest."""
 
 SHORTEST_REST = 0.5
-"""Minimum time before a record begins [s] for an estimate at rest."""
+"""Minimum duration of rest before a record begins [s] for an estimate of the mean at rest."""
 
 SHORTEST_GAP = 1.0
-"""Duration of exact zeros [s] that a working sensor does not record while the structure moves."""
+"""Duration of exact zeros [s] that indicates lost values if the structure moves."""
 
 MOVING = 0.1
 """Fraction of its peak that a history must reach within `SHORTEST_GAP` of a gap; zeros after a quiet end are no gap."""
 
 STRAIGHT = 1e-4
-"""Largest relative deviation from a straight line of a history that is no measurement."""
+"""Relative deviation from a straight line up to which a history is not considered a measurement."""
 
 FEWEST = 20
 """Minimum number of samples."""
 
 CLIPPED = 3
-"""Consecutive samples at the extreme that make a flat top, and resolution steps by which the history rises to it."""
+"""Minimum number of samples in a flat top, and of resolution steps by which the history must rise to it."""
 
 ONE_SIDED = 0.5
-"""Fraction of the peak that an extreme must reach to be the end of a range, not the zero of a one-sided history."""
+"""Fraction of the peak that an extreme must reach; a smaller extreme may be the zero line of a one-sided history."""
 
 
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
-    """Questions about faults that the measured histories show without a model."""
+    """Check the measured histories for faults that show without a model; return a question about each."""
     questions = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
         unit = units[channel].display
@@ -83,7 +83,7 @@ def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
 
 
 def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
-    """Question about flat tops at an extreme, which a too small measuring range causes."""
+    """Question about flat tops at an extreme, which indicate that the measuring range is too small."""
     steps = np.abs(np.diff(values))
     if not steps.any():
         return ""
@@ -117,7 +117,7 @@ def _constant(channel: str, values: np.ndarray, unit: str) -> str:
 
 
 def _straight(channel: str, values: np.ndarray) -> str:
-    """Question about a straight line, which is no response."""
+    """Question about a straight line, which is not a structural response."""
     times = np.arange(len(values))
     if len(values) < FEWEST:
         return ""
@@ -156,7 +156,7 @@ def _offset(channel: str, values: np.ndarray, unit: str, observation: Observatio
 
 
 def _begin(record: Excitation) -> int:
-    """Samples before an excitation first reaches a fraction of its peak; 0 if it is zero everywhere."""
+    """Number of samples before an excitation first exceeds a fraction of its peak; 0 if it is zero everywhere."""
     size = np.abs(record.values)
     return int(np.argmax(size > QUIET * size.max())) if size.any() else 0
 

@@ -21,7 +21,7 @@ from structid.models.traceable import TracedExcitation
 
 
 class ReplicatedPosterior(Target):
-    """Posteriors of many measurements together: points are ordered by replica, equally many for each."""
+    """Posteriors of many measurements, evaluated together; points are ordered by replica, equally many for each."""
 
     def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
         self.names, self.bijection = posterior.names, posterior.bijection
@@ -54,7 +54,7 @@ class ReplicatedPosterior(Target):
     def _in_lanes(self) -> Callable[..., Any] | None:
         """Compiled vector code of the density, with the measurements as signals; None if impossible.
 
-        A shortcut to the likelihood takes the measurements in another form than a loop over time.
+        A likelihood shortcut needs the measurements in a different form than a loop over time does.
         """
         posterior = self._posterior
         if not (posterior.model.traceable and posterior.likelihood.loops_over_time and len(self._values) == 1):

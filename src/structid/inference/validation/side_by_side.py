@@ -16,13 +16,13 @@ from structid.inference.prediction.best_prediction import comparable
 from structid.observation import Observation
 
 OUT_OF_TUNE = 3.0
-"""Suspicious ratio of main frequencies, which corresponds to nine times the stiffness or the mass."""
+"""Ratio of main frequencies above which a unit is suspect; a ratio of 3 is nine times the stiffness or the mass."""
 
 SHARED = 0.1
-"""Amplitude near the other history's main frequency, relative to a spectrum's maximum, that indicates a common mode."""
+"""Relative spectral amplitude near the other history's main frequency that indicates a common mode."""
 
 FEWEST_CYCLES = 3
-"""Minimum number of cycles in the history; fewer cycles are a drift, for example to a residual displacement."""
+"""Minimum number of cycles of a main frequency; fewer indicate a drift, for example to a residual displacement."""
 
 NEAR = 0.2
 """Relative half-width of the neighbourhood of a frequency."""
@@ -31,7 +31,7 @@ OPPOSITE = -0.6
 """Correlation of model and measurement below which a sign is probably reversed."""
 
 ALIKE, UNLIKE = 0.7, 0.5
-"""Correlation after a time shift above which the shift is probably real, if less than this fraction of it remains without."""
+"""Smallest correlation with a probably real time shift, and largest fraction of it that remains without the shift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class SideBySide:
 
     @property
     def _of_frequency(self) -> str:
-        """Question if the main frequencies differ and neither spectrum contains the other main frequency."""
+        """Question if the main frequencies differ and neither spectrum contains the other's main frequency."""
         modelled, measured = self._frequencies
         low, high = sorted((modelled, measured))
         if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
@@ -117,7 +117,7 @@ class SideBySide:
 
     @property
     def _sign_known(self) -> bool:
-        """Whether the gain's prior has one sign."""
+        """Whether the prior of the gain allows only one sign."""
         gain = self.observation.gain
         return gain is None or float(gain.cdf(np.zeros(1))[0]) in (0.0, 1.0)
 
@@ -139,7 +139,7 @@ class SideBySide:
 
     @property
     def _of_clock(self) -> str:
-        """Question if model and measurement agree only after a time shift; a reversed sign is no shift."""
+        """Question if model and measurement agree only after a time shift; a reversed sign is not a shift."""
         if self._together < OPPOSITE:
             return ""
         shift, shifted, together = _best_shift(self.modelled, self.measured)
@@ -167,7 +167,7 @@ def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float,
 
 
 def _spectrum(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and amplitudes, without the mean."""
+    """Frequencies [Hz] and amplitudes of the Fourier spectrum, with the mean removed."""
     return np.fft.rfftfreq(len(values), dt), np.abs(np.fft.rfft(values - values.mean()))
 
 

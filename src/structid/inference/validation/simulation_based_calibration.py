@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 REPLICA_SAMPLER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
 """Sampler of each replica; the replicas are tempered together."""
 TELLING = 2.5
-"""Standard errors above which ranks are called shifted, too wide or too narrow."""
+"""Number of standard errors above which posteriors are called shifted, too wide or too narrow."""
 LEVEL = 0.01
 """Probability that correct ranks are rejected."""
 LOG_LIKELIHOOD = "log-likelihood"
@@ -54,8 +54,8 @@ class Ranks(ShownAsText):
     Parameters
     ----------
     names, units : tuple of str
-        Quantities and their display units: the parameters, and last the log-likelihood. Only the latter reveals a likelihood that
-        ignores the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
+        Quantities and their display units: the parameters, and last the log-likelihood. Only the log-likelihood reveals
+        a likelihood that ignores the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
     truth : ndarray, shape (replica, quantity)
         True values of the quantities, drawn from the prior, in SI.
     draws : ndarray, shape (replica, draw, quantity)
@@ -75,7 +75,7 @@ class Ranks(ShownAsText):
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Probability that a correct posterior deviates this much, shape (quantity,).
+        """Probability that a correct posterior deviates at least this much from uniform ranks, shape (quantity,).
 
         Four times the smallest of four p-values: of the ranks' histogram by χ², of their distribution function by Kolmogorov and
         Smirnov, and of the numbers of 50 and 90 % intervals that contain the truth, which are binomial.
@@ -90,7 +90,7 @@ class Ranks(ShownAsText):
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """Ranks scaled to [0, 1], jittered within their integers, (replica, quantity)."""
+        """Ranks scaled to [0, 1], with a random shift of less than one rank, (replica, quantity)."""
         rng = stream(0, Purpose.RANK_JITTER)
         return np.asarray((self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1))
 
@@ -110,13 +110,14 @@ class Ranks(ShownAsText):
         Returns
         -------
         ndarray, shape (quantity, bin)
-            Replicas in each bin. Jittered ranks give equal probability to bins that do not divide the whole numbers evenly.
+            Replicas in each bin. A random shift of the ranks gives all bins equal probability, even if they contain
+            unequal numbers of ranks.
         """
         return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in self._places.T])
 
     @property
     def uniform(self) -> bool:
-        """Whether ranks and intervals of all quantities are correct, at the 1 % level over all of them."""
+        """Whether the ranks and intervals of all quantities pass a test at a joint level of 1 %."""
         return bool(self.p_values.min() > LEVEL / len(self.names))
 
     def coverage(self, probability: float) -> Float[np.ndarray, " quantity"]:
@@ -148,7 +149,10 @@ class Ranks(ShownAsText):
             )
             if count < ENOUGH_REPLICAS:
                 unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
-                sentence += f" So few replicas show only gross errors: coverage errs by ±{unseen:.0%}, by ±4% with 200."
+                sentence += (
+                    f" So few replicas reveal only gross errors: the coverage is uncertain by ±{unseen:.0%} "
+                    "(±4% with 200 replicas)."
+                )
             return sentence
         of_parameters = [p for quantity, p in zip(self.names, self.p_values, strict=True) if quantity != LOG_LIKELIHOOD]
         if of_parameters and min(of_parameters) <= LEVEL / len(self.names):
@@ -227,8 +231,9 @@ def sbc(
     Parameters
     ----------
     posterior : Posterior
-        Posterior with any model. Its measurements affect only the prior above. An expensive solver would need a million runs:
-        instead, fit a surrogate to it over the whole prior, and give the solver as `simulator`.
+        Posterior with any model. Its measurements affect only the default priors of error variances. An expensive
+        solver would need a million runs: instead, fit a surrogate to it over the whole prior, and give the solver as
+        `simulator`.
     replicas : int
         Number of replicas.
     seed : int
@@ -246,7 +251,7 @@ def sbc(
     Returns
     -------
     Ranks
-        Ranks, coverage, verdict; ``print`` it.
+        Ranks, coverage and verdict, which ``print`` shows.
 
     Raises
     ------
@@ -259,10 +264,10 @@ def sbc(
     --------
     >>> import structid as si
     >>> ranks = si.sbc(posterior, replicas=200, seed=1)  # doctest: +SKIP
-    >>> print(ranks.verdict())  # doctest: +SKIP
+    >>> print(ranks.verdict)  # doctest: +SKIP
     """
     if replicas < FEWEST_REPLICAS:
-        raise InputError("sbc(replicas)", f"{replicas}", f"{FEWEST_REPLICAS} or more, best 200")
+        raise InputError("sbc(replicas)", f"{replicas}", f"{FEWEST_REPLICAS} or more, ideally 200")
     truth, values = _simulated(posterior, replicas, seed, simulator, noise)
     target = ReplicatedPosterior(posterior, values)
     blocks: list[Block] = []

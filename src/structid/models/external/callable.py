@@ -33,7 +33,8 @@ class CallableModel(ExternalModel):
     time_limit : float, optional
         Time limit of a run [s].
     isolated, version, units
-        See `ExternalModel`. `version` need not change with the function's code or the code that it uses in its own module.
+        See `ExternalModel`. The hash includes the function and the code that it uses from its own
+        module; `version` covers other code.
 
     Examples
     --------

@@ -56,9 +56,9 @@ class ExternalModel(Model):
         if time_limit is not None and not isolated:
             raise InputError(
                 f"{type(self).__name__}.time_limit",
-                "it is given with isolated=False",
+                "a time limit is given with isolated=False",
                 "either a time limit or isolated=False",
-                "Remove one of them, since only a child process can be stopped.",
+                "Remove one of the two, since only a run in a child process can be stopped.",
             )
         self.time_limit, self.isolated = time_limit, isolated
         for name in units or {}:
@@ -115,5 +115,5 @@ class ExternalModel(Model):
 
 
 def as_guarded(model: Model) -> ExternalModel:
-    """Return a model that declares itself guarded, as an `ExternalModel`."""
+    """Return a model with ``guarded = True`` as an `ExternalModel`, for type checkers."""
     return cast(ExternalModel, model)

@@ -1,4 +1,4 @@
-"""External solvers in a study file: a Python file, a program, a server."""
+"""External solvers that a study file can name: a Python file, a program, a server."""
 
 from __future__ import annotations
 

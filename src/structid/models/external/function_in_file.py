@@ -30,7 +30,7 @@ class FunctionInFile:
 
     @property
     def identity(self) -> str:
-        """Hash of the code of the file, and of files that it imports from the same folder, without comments and layout."""
+        """Hash of the code of the file and of the files it imports from its folder, without comments and layout."""
         folder = self.path.parent
         files = {self.path}
         for module in list(sys.modules.values()):

@@ -46,9 +46,9 @@ def packed(model: Solver, excitation: Excitation) -> PackedCall:
         except Exception as cause:
             raise InputError(
                 f"{type(model).__name__}",
-                f"it cannot be sent to another process ({cause})",
+                f"the model cannot be sent to another process ({cause})",
                 "a function that can be pickled",
-                "Open files, sockets and engines inside the function, or use isolated=False.",
+                "Open files and connections inside the function, or use isolated=False.",
             ) from None
     key = digest(model.content_hash, excitation.content_hash, function if isinstance(function, bytes) else "")
     shape = (len(excitation), len(model.channels))
@@ -94,7 +94,7 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
 
 
 def _left_behind(call: PackedCall, task: Task) -> str:
-    """Return the output of a program before it was stopped, read from its scratch folder."""
+    """Return what a program printed before it was stopped, from its scratch folder."""
     for folder in Path(call.scratch).glob(f"{task.name}-{task.attempt}-*") if call.scratch else ():
         words = (folder / STANDARD_OUTPUT).read_bytes()[-LAST_WORDS:] if (folder / STANDARD_OUTPUT).is_file() else b""
         if not call.keeps:

@@ -5,7 +5,7 @@
 
 If a runner hangs, the keeper kills it and all processes it has started. If a runner crashes, the keeper collects its exit code.
 It then forks the next runner in milliseconds; a new Python process would take a second. When the owner ends for any reason, the
-lifeline closes, and keeper and runner kill their process groups.
+lifeline (a pipe) closes, and keeper and runner kill their process groups.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 ANSWERED, TIMED_OUT, DIED, NOT_LOADED = b"A", b"T", b"D", b"L"
-"""First byte of the keeper's reply, which indicates how a call ended."""
+"""Possible first bytes of the keeper's reply, which indicate how a call ended."""
 
 START_LIMIT = 120.0
 """Time limit for loading a function with its imports [s]; it does not count towards the time limit of a call."""
@@ -60,7 +60,7 @@ class _Runner:
 
 
 class Keeper:
-    """The loop that passes calls from the owner to the runner."""
+    """The loop of the keeper process, which passes calls from the owner to the runner."""
 
     def __init__(self, channel: Connection, lifeline: int) -> None:
         self._channel, self._lifeline = channel, lifeline
@@ -153,7 +153,7 @@ def _run(channel: Connection) -> None:
 
 
 def _listen_again(voice: int) -> None:
-    """Empty the output file and redirect output to it, since the last call may have closed or redirected the output."""
+    """Empty the output file and redirect output to it, since the previous call may have closed or redirected output."""
     os.ftruncate(voice, 0)
     os.lseek(voice, 0, os.SEEK_SET)
     for number, name in ((1, "stdout"), (2, "stderr")):

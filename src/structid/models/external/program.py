@@ -46,8 +46,8 @@ class OutputFile:
     units : mapping of str to str
         Units of the columns; SI by default.
     time : int or str, optional
-        Column of the times [s]. With this column, the histories are interpolated linearly to the record's samples. Without it,
-        the file must have a row for every sample.
+        Column of the times [s]. If it is given, the histories are interpolated linearly to the record's samples.
+        Otherwise the file must have a row for every sample.
 
     Examples
     --------
@@ -174,7 +174,7 @@ class ProgramModel(ExternalModel):
         return self._existing(path).read_text(encoding="utf-8")
 
     def _check_templates(self) -> None:
-        """Render all templates once with all parameters equal to one, to find misspelt names immediately."""
+        """Render all templates once with all parameters equal to one, to find misspelt names before the first run."""
         names = self._sample_names()
         where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
@@ -182,7 +182,8 @@ class ProgramModel(ExternalModel):
                 _rendered(text, names)
             except jinja2.UndefinedError as problem:
                 allowed = ", ".join([*self.free, *self.constants, "record", "folder", "cores", "seed"])
-                raise InputError(where[name], f"{problem}", allowed, "Correct the name, or add a constant.") from None
+                cure = "Correct the name, or add a constant of this name."
+                raise InputError(where[name], f"{problem}", allowed, cure) from None
             except jinja2.TemplateError as problem:
                 line = f", line {problem.lineno}" if isinstance(problem, jinja2.TemplateSyntaxError) else ""
                 raise InputError(f"{where[name]}{line}", f"{problem}", "a jinja2 template") from None
@@ -322,7 +323,7 @@ def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Fl
     path = scratch / output.file
     if not path.is_file():
         there = ", ".join(sorted(p.name for p in scratch.iterdir())) or "nothing"
-        raise SolverError(f"it wrote no '{output.file}'; its folder contains {there}")
+        raise SolverError(f"the program wrote no '{output.file}'; its folder contains {there}")
     reader = _read_hdf5 if path.suffix in (".h5", ".hdf5", ".nc") else _read_text
     columns_to_read = [*output.columns.values(), *([] if output.time is None else [output.time])]
     columns = reader(path, columns_to_read)
@@ -396,7 +397,7 @@ def _read_hdf5(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
 
 
 def _at_samples(times: np.ndarray, values: np.ndarray, excitation: Excitation, name: str) -> np.ndarray:
-    """Interpolate histories from the program's times to the record's samples; the rows end with the program's times."""
+    """Interpolate histories from the program's times to the record's samples, up to the program's last time."""
     if not (np.diff(times) > 0).all():
         raise SolverError(f"the times in '{name}' do not increase")
     tolerance = 1e-6 * excitation.dt

@@ -20,13 +20,13 @@ def check_result(result: Any, excitation: Excitation, channels: tuple[str, ...])
     expected = f"{samples} rows of {', '.join(channels)}"
     nothing = np.full((samples, len(channels)), np.nan)
     if result is None:
-        return Outcome(nothing, Status.FAILED, f"it returned nothing; expected {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"the solver returned nothing; expected {expected}", 0.0)
     try:
         columns = _columns(result, channels)
     except (ValueError, TypeError, KeyError) as problem:
-        return Outcome(nothing, Status.FAILED, f"{problem}; expected {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"{problem.args[0]}; expected {expected}", 0.0)
     if len(columns) == 0:
-        return Outcome(nothing, Status.FAILED, f"it returned no rows; expected {expected}", 0.0)
+        return Outcome(nothing, Status.FAILED, f"the solver returned no rows; expected {expected}", 0.0)
     values = nothing
     values[: len(columns)] = columns[:samples]
     finite = np.isfinite(values[: len(columns)]).all(axis=1)
@@ -37,7 +37,7 @@ def check_result(result: Any, excitation: Excitation, channels: tuple[str, ...])
         return Outcome(values, Status.DIVERGED, f"not finite from {t:g} s on", t)
     if len(columns) != samples:
         end = min(len(columns), samples - 1) * excitation.dt
-        return Outcome(values, Status.FAILED, f"it returned {len(columns)} rows; expected {expected}", end)
+        return Outcome(values, Status.FAILED, f"the solver returned {len(columns)} rows; expected {expected}", end)
     return Outcome(values)
 
 
@@ -61,20 +61,20 @@ def _columns(result: Any, channels: tuple[str, ...]) -> np.ndarray:
     if isinstance(result, Mapping):
         missing = [c for c in channels if c not in result]
         if missing:
-            raise KeyError(f"there is no '{missing[0]}' among the returned {', '.join(map(str, result)) or 'nothing'}")
+            raise KeyError(f"the solver returned {', '.join(map(str, result)) or 'no channels'}, but no '{missing[0]}'")
         parts = [_real(f"its channel '{c}' holds", result[c]).ravel() for c in channels]
         if len({len(p) for p in parts}) > 1:
             raise ValueError(f"its channels have {', '.join(str(len(p)) for p in parts)} rows")
         return np.column_stack(parts)
-    array = _real("it returned", result)
+    array = _real("the solver returned", result)
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or array.shape[1] != len(channels):
-        raise ValueError(f"it returned an array of shape {np.shape(result)}")
+        raise ValueError(f"the solver returned an array of shape {np.shape(result)}")
     return array
 
 
 def _real(what: str, value: Any) -> np.ndarray:
-    """Return the numbers of a result; a `ValueError` describes any other content."""
+    """Convert a result to an array of numbers; raise a `ValueError` that describes any other content."""
     try:
         return real_array(what, value)
     except InputError as problem:

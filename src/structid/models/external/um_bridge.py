@@ -1,4 +1,4 @@
-"""UM-Bridge: models of an HTTP server as structid models, and structid models served to clients of the protocol.
+"""UM-Bridge: models on an HTTP server as structid models, and structid models on a server for UM-Bridge clients.
 
 In the protocol (Seelinger et al. 2023, doi 10.21105/joss.04748), models are maps from lists of vectors to lists of vectors.
 Here the first input vector contains the parameters in SI, and each channel has one output vector with its history in SI.
@@ -27,7 +27,7 @@ from structid.models.external.protocol import SolverError, Task
 from structid.models.traceable import as_traceable
 
 NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
-"""Spellings of NaN and infinity, which JSON lacks."""
+"""Pattern of the ways in which servers write NaN and infinity, which JSON does not define."""
 FIRST_WORDS = 160
 """Number of characters shown from an invalid reply."""
 
@@ -87,7 +87,9 @@ class UMBridgeModel(ExternalModel):
         request = {"name": self.name, "config": config}
         sizes = _answer(self.url, "InputSizes", request, "inputSizes")
         if sum(sizes) != len(self.free):
-            raise SolverError(f"the server's model takes {sum(sizes)} numbers, not {len(self.free)} parameters")
+            raise SolverError(
+                f"the server's model takes {sum(sizes)} numbers, but it has {len(self.free)} parameters here"
+            )
         values = iter(task.parameters.values())
         inputs = [[next(values) for _ in range(size)] for size in sizes]
         outputs = _answer(self.url, "Evaluate", {**request, "input": inputs}, "output")
@@ -152,15 +154,15 @@ class Served:
         return True
 
     def supports_gradient(self) -> bool:
-        """Whether linear functions of the output have gradients."""
+        """Whether products of the transposed Jacobian with a vector are available."""
         return self._differentiable
 
     def supports_apply_jacobian(self) -> bool:
-        """Whether the output has directional derivatives."""
+        """Whether products of the Jacobian with a vector are available."""
         return self._differentiable
 
     def supports_apply_hessian(self) -> bool:
-        """Whether the output has second derivatives."""
+        """Whether products of second derivatives with vectors are available."""
         return False
 
 
@@ -194,7 +196,7 @@ class ServedModel(Served):
     def apply_jacobian(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Compute the derivative of one channel in a direction of parameter space."""
+        """Compute the derivative of one channel along a direction in parameter space."""
         import jax
 
         channel = self._channel(out_wrt, config)
@@ -204,7 +206,7 @@ class ServedModel(Served):
     def gradient(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
     ) -> list[float]:
-        """Compute the gradient of a linear function of one channel."""
+        """Compute the gradient of a weighted sum of one channel's samples with respect to the parameters."""
         import jax
 
         _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
@@ -235,7 +237,7 @@ def check_address(host: str, port: int) -> None:
     except (OSError, UnicodeError, OverflowError) as cause:
         raise InputError(
             "structid serve",
-            f"it cannot listen at the address {host}:{port} ({cause})",
+            f"this machine cannot listen at the address {host}:{port} ({cause})",
             "an address of this machine, such as 127.0.0.1, and an unused port from 1 to 65535",
         ) from None
 

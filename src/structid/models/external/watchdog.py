@@ -1,8 +1,8 @@
 """The owner's side of a guarded call. A keeper process carries out the call, so that no crash or hang harms the owner.
 
-No executor can kill a hung task, and a crash of a solver ends its process. Every owner of solver runs (a thread of this program or
-a worker of a cluster) therefore has a keeper (`models/external/keeper.py`). The keeper is a fresh process that inherits nothing
-and has one BLAS or XLA thread.
+Executors cannot kill a hung task, and the crash of a solver ends its process. Every owner of solver runs (a thread of
+this program or a worker of a cluster) therefore has a keeper (`models/external/keeper.py`). The keeper is a supervisor
+process that starts fresh, shares no memory with its owner, and has one BLAS or XLA thread.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ _ONE_THREAD = {
 
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.models.external.keeper import main; main()"
-"""Code that passes the owner's import path to the keeper. Programs that a solver starts would inherit PYTHONPATH."""
+"""Code that passes the owner's import path to the keeper. PYTHONPATH would also reach programs that a solver starts."""
 
 
 class CallTimeoutError(Exception):
-    """Error of a call that exceeded its time limit; its process has been killed."""
+    """Error raised if a call exceeds its time limit; its process is then killed."""
 
 
 class NotLoadedError(Exception):
-    """Error of a function that cannot be loaded in the child process, so that no run is possible."""
+    """Error raised if a function cannot be loaded in the child process, so that no run is possible."""
 
 
 class CallDiedError(Exception):
-    """Error of a call whose process ended, by a signal or by itself."""
+    """Error raised if the process of a call ends before the call returns, by a signal or by itself."""
 
 
 @dataclass
@@ -101,7 +101,7 @@ class Watchdog:
         kept = self._kept or self._start(preloaded)
         if self._killed:  # killed while the keeper was starting
             self.close()
-            raise CallDiedError("it was stopped before it began")
+            raise CallDiedError("the run was stopped before it began")
         request = (key, None if key in kept.known else function, pickle.dumps(arguments, protocol=5), time_limit)
         try:
             kept.channel.send_bytes(pickle.dumps(request, protocol=5))
@@ -163,7 +163,7 @@ class Watchdog:
 
 
 def _nameless_file() -> int:
-    """Open a file without a name, which need not be removed."""
+    """Open a temporary file without a name; the operating system removes it when it is closed."""
     handle, name = tempfile.mkstemp(prefix="structid-")
     Path(name).unlink()
     return handle

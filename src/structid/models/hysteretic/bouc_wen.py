@@ -167,12 +167,17 @@ class BoucWen(TraceableModel):
             if not self._given(name):
                 raise InputError(
                     f"BoucWen.{name}",
-                    "it has no value and is not free",
+                    "the parameter has no value and is not free",
                     f"a number{f' in {PARAMETER_UNITS[name]}' if PARAMETER_UNITS[name] else ''}, or its name in free",
                 )
         for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
             if name in self.free and getattr(self, name) is not None:
-                raise InputError(f"BoucWen.{name}", "it has a value and is also free", "one of the two", "Remove one.")
+                raise InputError(
+                    f"BoucWen.{name}",
+                    "the parameter has a value and is also free",
+                    "a value, or its name in free",
+                    "Remove one.",
+                )
         for first, second in _EITHER:
             if self._given(first) and self._given(second):
                 raise InputError(
@@ -197,7 +202,7 @@ class BoucWen(TraceableModel):
                 "BoucWen.zeta0",
                 f"{self.zeta0:g}",
                 "a number below 1",
-                "At 1 the spring has no stiffness in the pinched range. Use 0.95 where the source has 1.",
+                "At zeta0 = 1 the spring has no stiffness in the pinched range. Use 0.95 if your source gives 1.",
             )
         if (self.zeta0 != 0.0 or "zeta0" in self.free) and any(
             getattr(self, name) <= 0.0 and name not in self.free for name in ("p", "psi0", "lambda_")
@@ -283,7 +288,7 @@ class BoucWen(TraceableModel):
         Raises
         ------
         InputError
-            If mass, stiffness or damping is free.
+            If mass, stiffness or damping is a free parameter.
         """
         loose = [n for n in ("mass", "stiffness", "damping_ratio", "damping") if n in self.free]
         if loose:
@@ -324,7 +329,7 @@ class BoucWen(TraceableModel):
                 raise InputError(
                     "BoucWen.fixed",
                     f"'{name}'",
-                    ", ".join(self.free) or "no name, since no parameter is free",
+                    ", ".join(self.free) or "no arguments, since no parameter is free",
                     suggestion(name, self.free),
                 )
         return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Parameters of the Bouc-Wen benchmark of nonlinear system identification, converted to this package."""
+"""Conversion of the parameters of the Bouc-Wen benchmark for nonlinear system identification."""
 
 from __future__ import annotations
 

@@ -104,6 +104,6 @@ class FrameEquations(HystereticSystem):
 
 
 def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarray, "storey storey"]:
-    """Return the tridiagonal stiffness matrix of storeys, listed from the ground up."""
+    """Return the tridiagonal stiffness matrix for storey stiffnesses from the ground up."""
     matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
     return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)

@@ -36,7 +36,7 @@ PARAMETER_UNITS = {
 """SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
 
 DEFAULT_SUBSTEPS = 3
-"""Integration steps per sample; the velocity error in the benchmark study is below 1e-4 of the velocity norm."""
+"""Integration steps per sample, with a velocity error below 1e-4 of the velocity norm in the benchmark study."""
 
 
 def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ def finite_number(where: str, value: Any) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary, name it in free.") from None
+        raise InputError(where, f"{value!r}", "a number in SI", "To let the parameter vary, name it in free.") from None
     if not np.isfinite(number):
         raise InputError(where, f"{number}", "a finite number")
     return number

@@ -1,4 +1,4 @@
-"""A structure under imposed displacements, as in a cyclic or hybrid test; its response is the force."""
+"""A structure under imposed displacements, as in a cyclic or hybrid test; its response is the restoring force."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ImposedDisplacements(TraceableModel):
         A model that allows imposed displacements, such as `BoucWen` or `MasonryWall`; the free parameters are the same. A rigid
         beam moves the top of a wall: u_x, u_y and the rotation about the middle of the top.
     pieces : int
-        Number of pieces into which every move between samples is divided.
+        Number of pieces into which the displacement increment between two samples is divided.
     channels : sequence of str, optional
         Forces to record, from `force_channels`; all forces by default.
 
@@ -137,7 +137,10 @@ class ImposedDisplacements(TraceableModel):
         if came != requested:
             allowed = ", ".join(f"a {kind.capitalize()}History" for kind in requested)
             raise InputError(
-                "ImposedDisplacements", ", ".join(came), allowed, "Use one CombinedExcitation in this order."
+                "ImposedDisplacements",
+                ", ".join(came),
+                allowed,
+                "Combine these histories, in this order, in one CombinedExcitation.",
             )
 
     def check_priors(self, space: ParameterSpace) -> None:

@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OTHER_ELASTIC = (0.5, 1.5, 2.0)
-"""Alternative ends of the initial line relative to the chosen end, for the sensitivity of its slope."""
+"""Other end points tried for the initial line, divided by the chosen end point, for the sensitivity of its slope."""
 
 OTHER_YIELDED = (0.6, 1.4)
-"""Other starting points tried for the final line: their distances from the peak, divided by that of the chosen point."""
+"""Other starting points tried for the final line: distance to the peak, divided by that of the chosen point."""
 
 FEWEST = 3
-"""Minimum number of samples on a line."""
+"""Minimum number of samples for the fit of a line."""
 
 DUCTILITY = 2.5
-"""Minimum ratio of the peak displacement to the displacement at which the lines meet, for a loop that determines α."""
+"""Minimum ductility at which a loop determines α: peak displacement over the displacement where the lines meet."""
 
 YIELD_SHARE = 0.3
-"""Minimum ratio of yield force to largest force: below it the final line passes near zero, like the initial line."""
+"""Minimum ratio of yield force to largest force; below it the final line nearly passes through the origin."""
 
 NORMAL_90 = 2 * 1.645
 """Width of a 90 % interval of the normal distribution, in standard deviations."""
@@ -49,9 +49,10 @@ SMALLEST_SPREAD = {"stiffness": 0.1, "alpha": 0.3}
 class LoopLines(ShownAsText):
     """Two straight lines through a force-displacement loop, created by `fit` or `read`.
 
-    The slope of a smooth loop decreases steadily, so a line's slope depends on its range. The intervals contain the slopes over
-    other ranges and their limits. The initial interval is extended upwards by the spread of the slopes. The final interval starts
-    at the asymptote of a loop that bends as slowly as a Bouc-Wen loop with an exponent of 1. A sharper loop has already reached it.
+    The slope of a smooth loop decreases steadily, so a line's slope depends on the range of the fit. The intervals
+    contain the slopes of other ranges. The upper end of the initial interval is raised by the spread of these slopes.
+    The final interval also contains the asymptotic slope of a loop that bends as slowly as a Bouc-Wen loop with an
+    exponent of 1. A sharper loop has already reached its asymptote.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ class LoopLines(ShownAsText):
         Raises
         ------
         InputError
-            If the histories do not belong together, or a line has fewer than three samples.
+            If the histories have different lengths or missing values, or a line has fewer than three samples.
 
         Examples
         --------
@@ -213,8 +214,8 @@ class LoopLines(ShownAsText):
         """Return priors of `stiffness` and `alpha` (the means in the thesis are 7.42 kN/mm and 0.063).
 
         The prior means are the midpoints of `initial_interval` and `alpha_interval`, which are the 90 % intervals of the priors.
-        The coefficients of variation are at least 0.1 and 0.3. If the loop is also the measurement, the data are used twice: then
-        keep these priors wide.
+        The coefficients of variation are at least 0.1 and 0.3. If the loop is also the measurement, the study uses
+        the data twice. Keep the priors wide in this case.
 
         Returns
         -------
@@ -254,8 +255,8 @@ class LoopLines(ShownAsText):
     @property
     def _hardly(self) -> str:
         return (
-            f"the structure hardly yielded: the final line has {self.alpha:.2f} of the initial stiffness and a yield force of "
-            f"{self.yield_force * 1e-3:.3g} kN, at a peak force of {np.abs(self.force).max() * 1e-3:.3g} kN"
+            f"the structure hardly yielded: the final line has {self.alpha:.2f} times the initial stiffness and a yield force "
+            f"of {self.yield_force * 1e-3:.3g} kN, and the peak force is {np.abs(self.force).max() * 1e-3:.3g} kN"
         )
 
     @staticmethod
@@ -308,7 +309,7 @@ def _elastic(u: np.ndarray, part: float) -> Any:
 
 
 def _yielded(u: np.ndarray, part: float) -> Any:
-    """Return a mask of the samples beyond this fraction of the peak displacement that move away from zero."""
+    """Return a mask of the samples beyond this fraction of the peak displacement at which |u| increases."""
     return (np.abs(u) > part * np.abs(u).max()) & (u * np.gradient(u) > 0.0)
 
 
@@ -324,7 +325,7 @@ def _initial_slope(u: np.ndarray, f: np.ndarray, part: float) -> float:
 def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float]:
     """Return k_u [N/m] and f_y [N] of f = ± f_y + k_u u; NaN for too few samples.
 
-    In the fit each side has its own f_y, so that a drift of the loop to one side does not change the slope.
+    The fit has a separate f_y for each loading direction, so that an offset of the loop does not change the slope.
     """
     loading = _yielded(u, part)
     if loading.sum() < FEWEST:

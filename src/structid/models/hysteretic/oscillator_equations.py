@@ -17,7 +17,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class OscillatorEquations(HystereticSystem):
-    """Equation u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the necessary states."""
+    """Equation u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the state variables that a run needs."""
 
     def __init__(self, values: dict[str, Any], channels: tuple[str, ...], kind: str) -> None:
         law = Law(**{name: values[name] for name in Law._fields})

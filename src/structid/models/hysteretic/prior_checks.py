@@ -28,7 +28,7 @@ PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "psi0": (0.0, np.inf),
     "lambda_": (0.0, np.inf),
 }
-"""Physical ranges in SI, including the ends."""
+"""Ranges of physically possible parameter values in SI, including both ends."""
 
 DRAWS = 512
 """Number of prior draws that are checked."""
@@ -91,7 +91,7 @@ def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
         raise InputError(
             where,
             f"'{own}' for an exponent that is unknown or varies",
-            "a prior of plain numbers in m^-n, or '1/m'",
+            "a prior without a unit, with values in m^-n, or the unit '1/m'",
         )
 
 
@@ -105,7 +105,7 @@ def unstable_share(space: ParameterSpace, model: object) -> float:
 
 
 def unstable_in_words(share: float) -> str:
-    """Return a warning about the fraction with |γ| > β; empty if the fraction is tolerated."""
+    """Return a warning about the fraction of the prior with |γ| > β; an empty string if the fraction is tolerated."""
     if share <= TOLERATED:
         return ""
     return (

@@ -54,7 +54,7 @@ STOREY_PARAMETERS = (
 )
 """Parameters of every storey; `stiffness` means the stiffness of all storeys, `stiffness_2` of the second storey only."""
 MOST_STOREYS = 200
-"""Largest number of storeys, since a mistyped large number would fill the memory with names."""
+"""Largest number of storeys; without a limit, a mistyped number would fill the memory with parameter names."""
 
 STOREY_CHANNELS = (
     "displacement",
@@ -209,12 +209,12 @@ class ShearFrame(TraceableModel):
             self._check_every_storey(name)
             if not self._given(name):
                 raise InputError(
-                    f"ShearFrame.{name}", "it has no value and is not free", "numbers, or its name in free"
+                    f"ShearFrame.{name}", "the parameter has no value and is not free", "numbers, or its name in free"
                 )
         if self._named("gamma") == self._named("gamma_ratio"):
             raise InputError(
                 "ShearFrame.gamma",
-                "both or neither of gamma and gamma_ratio are given",
+                "gamma and gamma_ratio are both given or both missing",
                 "exactly one of the two, for all storeys",
             )
         for name in STOREY_PARAMETERS:
@@ -389,7 +389,7 @@ def _parameters(given: Mapping[str, Any]) -> list[str]:
 
 
 def _per_storey(unit: str) -> Any:
-    """Type of one number for all storeys, or one number for each storey."""
+    """Return the type of a key that has one number for all storeys, or one number for each storey."""
     one: Any = quantity(unit)
     return one | tuple.__class_getitem__((one, ...))
 

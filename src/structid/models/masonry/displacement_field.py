@@ -101,7 +101,7 @@ class DisplacementField:
         """
         file = Path(path)
         if not file.is_file():
-            raise InputError(f"{path}", "there is no such file", "a table or an HDF5 file of a displacement field")
+            raise InputError(f"{path}", "there is no such file", "a text or HDF5 file with a displacement field")
         unit = factor_of(length_unit, "m", "DisplacementField.read(length_unit)")
         return _of_hdf5(file, unit) if h5py.is_hdf5(file) else _of_table(file, unit)
 
@@ -116,7 +116,8 @@ class DisplacementField:
         Returns
         -------
         tuple of ndarray, shape (row − 1, column − 1)
-            ε_x, ε_y, γ_xy in the middle of every cell of four points. Across an open joint: the jump divided by the grid step.
+            ε_x, ε_y, γ_xy in the middle of every cell of four points. Across an open
+            joint, the strain is the displacement jump divided by the grid step.
         """
 
         def slopes(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +184,7 @@ def _of_table(file: Path, unit: float) -> DisplacementField:
             rows = np.array([[float(v) for v in line.replace(";", ",").split(",")] for line in lines if line.strip()])
         except ValueError as cause:
             raise InputError(
-                f"{file}", f"{cause}", "numbers separated by commas or semicolons below the names"
+                f"{file}", f"{cause}", "numbers separated by commas or semicolons, below a line of column names"
             ) from None
     if rows.ndim != 2 or rows.shape[1] != len(names):
         raise InputError(f"{file}", "rows of different lengths, or no rows", f"rows of {len(names)} numbers")

@@ -43,9 +43,10 @@ if TYPE_CHECKING:
 WATCHED = ("support_lost", "weakest_joint")
 """Channels that determine whether a run is valid."""
 CUTS = (4, 16, 64)
-"""Numbers of parts of a step with which a run is repeated if no equilibrium of its joints is found."""
+"""Numbers by which the step is divided, in turn, to repeat a run in which no equilibrium of the joints is found."""
 MOST_BLOCKS_IN_LANES = 40
-"""Largest wall for compiled vector code, whose compile time grows with the wall; larger walls use sparse factorisation."""
+"""Largest number of blocks for compiled vector code, whose compile time grows with this number. Larger walls use sparse
+factorisation."""
 
 
 @check_arguments
@@ -126,7 +127,10 @@ class MasonryWall(TraceableModel):
             value = getattr(self, name)
             if name in self.free and value is not None and name not in OPTIONAL:
                 raise InputError(
-                    f"MasonryWall.{name}", "it has a value and is also free", "one of the two", "Remove one."
+                    f"MasonryWall.{name}",
+                    "the parameter has a value and is also free",
+                    "a value, or its name in free",
+                    "Remove one.",
                 )
             if name not in self.free:
                 check_value(name, value)
@@ -164,7 +168,7 @@ class MasonryWall(TraceableModel):
         )
 
     def static_force(self, theta: Any) -> StaticWall:
-        """Return the wall with a rigid beam instead of its bars; see `TraceableModel.static_force`."""
+        """Return the force of the wall on a rigid beam, which replaces the bars; see `TraceableModel.static_force`."""
         return StaticWall(self._beamed, self._law(self._values(theta)), theta.shape[0])
 
     @cached_property
@@ -201,8 +205,8 @@ class MasonryWall(TraceableModel):
     ) -> Histories:
         """Run rows of parameters; see `TraceableModel.run`.
 
-        If no equilibrium of the joints is found in a step, the run is repeated with shorter steps, down to a 64th. If a bed joint
-        loses its support, the structure has failed from this time on.
+        If no equilibrium of the joints is found in a step, the run is repeated with shorter steps, down to 1/64 of the
+        step. If a bed joint loses its support, the structure has failed from this time on.
         """
         watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
@@ -311,7 +315,7 @@ class MasonryWall(TraceableModel):
 
     @property
     def loop_channels(self) -> dict[str, tuple[str, str, str]]:
-        """Channel names of drift, base shear and the work of the joints."""
+        """Channel names of drift, base shear and joint energy; see `Model.loop_channels`."""
         return {"": ("drift", "base_shear", "joint_energy")}
 
     @property

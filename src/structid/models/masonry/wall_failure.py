@@ -1,4 +1,4 @@
-"""Causes of the early end of a run of a wall: joints without equilibrium, and joints that lose their support."""
+"""Causes of an early end of a run of a wall: no equilibrium of the joints, or a joint without support."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from structid.models.masonry.finite_elements.mesh import Mesh
 
 
 def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histories:
-    """Replace runs by their repetitions if these got further."""
+    """Replace runs by their repetitions with shorter steps, if the repetitions end later."""
     further = again.done | (np.nan_to_num(again.failure_time) > all_runs.failure_time[rows])
     values, status, time = all_runs.values.copy(), all_runs.status.copy(), all_runs.failure_time.copy()
     reasons = list(all_runs.reasons)

@@ -1,4 +1,4 @@
-"""Motion of a complete wall in one run: pictures at selected instants, film, files."""
+"""Motion of all nodes of a wall in one run: pictures at selected instants, film, files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MILESTONES = 5
 """Number of instants in a picture."""
 GRID = 0.025
-"""Step [m] of the grid on which displacements are evaluated, as in a camera measurement."""
+"""Spacing [m] of the grid on which displacements are evaluated, as in a camera measurement."""
 
 
 @check_arguments
@@ -47,7 +47,7 @@ class WallFilm:
 
     @cached_property
     def since_rest(self) -> np.ndarray:
-        """Displacements from the wall at rest under its load [m], shape (time, node, 2)."""
+        """Displacements relative to the wall at rest under its load [m], shape (time, node, 2)."""
         return np.asarray(self.displacements - self.displacements[:1])
 
     @cached_property
@@ -63,7 +63,7 @@ class WallFilm:
         return jumps
 
     def milestones(self, count: int = MILESTONES) -> list[int]:
-        """Select the instants of the largest drift in the largest swings."""
+        """Select the instants of the peak drifts of the largest swings."""
         swings = np.split(np.arange(len(self.drift)), np.flatnonzero(np.diff(np.sign(self.drift))) + 1)
         extremes = [int(s[np.argmax(np.abs(self.drift[s]))]) for s in swings if len(s)]
         extremes = [i for i in extremes if self.drift[i]]
@@ -72,12 +72,12 @@ class WallFilm:
 
     @check_arguments
     def displacement_field(self, instants: Sequence[int] | None = None, step: float = GRID) -> DisplacementField:
-        """Return displacements from rest on a regular grid, as a camera measures them."""
+        """Return the displacements relative to the wall at rest on a regular grid, as a camera measures them."""
         chosen = self.milestones() if instants is None else list(instants)
         wall, u = self.mesh.wall, self.since_rest[chosen]
         if not 0.0 < step <= min(wall.width, wall.height):
             raise InputError(
-                "WallFilm.displacement_field(step)", f"{step:g}", "a positive length, shorter than the wall"
+                "WallFilm.displacement_field(step)", f"{step:g}", "a positive length, smaller than the wall"
             )
         x, y = (_between(length, step) for length in (wall.width, wall.height))
         fields = np.full((2, len(chosen), len(y), len(x)), np.nan)
@@ -137,7 +137,7 @@ class WallFilm:
 
     @check_arguments
     def animate(self, path: str | os.PathLike[str], frames: int = 100, per_second: int = 20) -> Path:
-        """Write a film of the deformed wall, with the drift below."""
+        """Write a film of the deformed wall, with a plot of the drift below it."""
         from structid.figures import wall_film as figures
 
         chosen = np.unique(np.linspace(0, len(self.drift) - 1, frames).round().astype(int))
@@ -195,7 +195,7 @@ class WallFilm:
         return folder / "wall.pvd"
 
     def _of_joints(self, instant: int) -> np.ndarray:
-        """Return the displacements of the lower side of every joint from rest [m], shape (joint, 2)."""
+        """Return the displacements of the lower side of every joint, relative to rest [m], shape (joint, 2)."""
         u = np.concatenate([self.since_rest[instant], np.zeros((1, 2))])
         return np.array([_on_face(u, joint, joint.lower) for joint in self.mesh.joints])
 
@@ -214,13 +214,13 @@ def _on_face(u: np.ndarray, joint: Joint, face: tuple[int, int]) -> np.ndarray:
 
 
 def _between(length: float, step: float) -> np.ndarray:
-    """Return the midpoints of equal parts of a length, each at most one step long."""
+    """Divide a length into equal parts, each at most one step long, and return their midpoints."""
     parts = int(np.ceil(length / step - 1e-9))
     return (np.arange(parts) + 0.5) * length / parts
 
 
 def _faces(mesh: Mesh) -> np.ndarray:
-    """Return the block and two corners of the upper face of every joint, shape (joint, 3)."""
+    """Return for every joint the block above or to the right, and two of its corners, shape (joint, 3)."""
     faces = []
     for joint in mesh.joints:
         block = joint.upper[0] // 4

@@ -30,7 +30,9 @@ def check_value(name: str, value: Any) -> None:
     where = f"MasonryWall.{name}"
     if value is None:
         raise InputError(
-            where, "it has no value and is not free", f"a number in {PARAMETER_UNITS[name]}, or its name in free"
+            where,
+            "the parameter has no value and is not free",
+            f"a number in {PARAMETER_UNITS[name]}, or its name in free",
         )
     number = finite_number(where, value)
     if number < 0.0 or (number == 0.0 and name not in OPTIONAL):
@@ -45,5 +47,5 @@ def check_priors_of(free: tuple[str, ...], space: ParameterSpace) -> None:
     low = np.asarray(space.sample(512, 0, "sobol").columns(free)).min(axis=0, initial=np.inf)
     for name, least in zip(free, low, strict=True):
         if least <= 0.0:
-            cure = "Bound the prior with low, and check its unit."
+            cure = "Give the prior a positive lower bound (low), and check its unit."
             raise InputError(f"the prior of '{name}'", f"values down to {least:g}", "positive values only", cure)

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PATH = (0.0, 2.0, 0.0, 6.0)
-"""Jumps for the drawing of a joint law, in characteristic lengths: loading, unloading, reloading."""
+"""Turning points of the path of a drawn joint law, in characteristic lengths: loading, unloading, reloading."""
 CLOSURE = 0.6
-"""Initial closure of the drawn joint, in characteristic lengths."""
+"""Over-closure at which the drawn curves of the normal traction begin, in characteristic lengths."""
 PATH_POINTS = 121
 """Number of points on each part of the path."""
 
@@ -53,7 +53,7 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
 
 
 def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the tractions of a joint against opening and slip, with one unloading to zero."""
+    """Draw the tractions of a joint against opening and slip, with one cycle of unloading and reloading."""
     from structid.figures import wall as figures
 
     of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
@@ -87,8 +87,11 @@ def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tu
 
 def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:
     """Return the pictures of a wall in one run."""
-    at = "at the largest drift of its largest swings"
-    strains = f"Von Mises strain {at}, as a camera measures it on a grid of {1e3 * GRID:g} mm. Open or sliding joints are lines."
+    at = "at the peak drifts of its largest swings"
+    strains = (
+        f"Von Mises strain {at}, as a camera measures it on a grid of {1e3 * GRID:g} mm. "
+        "Open or sliding joints appear as lines."
+    )
     return [
         ModelPicture("wall", "The wall.", plot),
         ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda: film().plot()),

@@ -60,7 +60,7 @@ def draw(
 
 
 def _written(picture: Picture, begun: Future[Rendered] | None, renderer: Renderer, folder: Path) -> DrawnPicture:
-    """Write a picture to a folder, as SVG, or as GIF if it is a film."""
+    """Write a picture to a folder, as SVG, or as GIF if it is an animation."""
     if begun is None or isinstance(picture.drawn, Film):
         assert isinstance(picture.drawn, Film)
         path = folder / f"{picture.name}.gif"

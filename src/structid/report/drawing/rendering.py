@@ -1,6 +1,6 @@
 """Rendering of figures as SVG in a separate process, while the next figures are computed.
 
-Rendering takes half as long as computing the figures, and matplotlib does both on one core.
+Rendering takes half as long as computing the figures, and in one process, matplotlib uses only one core.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ def rendered(figure: Figure) -> Rendered:
 class Renderer:
     """A child process that renders figures one after another; a context manager.
 
-    A figure is sent as a pickle. This process renders a figure that cannot be pickled, and all figures if the child has died.
+    A figure is sent as a pickle. The parent process renders a figure that cannot be pickled, and all figures if the
+    child has died.
     """
 
     def __init__(self) -> None:
@@ -79,7 +80,7 @@ class Renderer:
 
 
 def _serve(figures: IO[bytes], pictures: IO[bytes]) -> None:
-    """Render every figure that arrives, and return it; None for a figure that cannot be rendered."""
+    """Render each received figure, and send the result back; None for a figure that cannot be rendered."""
     while True:
         answer: Any = None
         try:

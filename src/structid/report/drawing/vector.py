@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCALES = ("linear", "log")
-"""Axis scales from which the page can read values."""
+"""Axis scales for which the page can convert positions to values."""
 
 _SETTINGS = {"svg.fonttype": "path", "svg.hashsalt": "structid", "svg.image_inline": True}
 _PATH = re.compile(r' d="[^"]*"')
@@ -38,7 +38,7 @@ class Panel:
 
 @styled
 def svg(figure: Figure) -> str:
-    """Render a figure as SVG. The same figure gives the same text."""
+    """Render a figure as SVG. The same figure always gives the same string."""
     import matplotlib
 
     drawn = io.StringIO()

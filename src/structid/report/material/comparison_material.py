@@ -20,7 +20,7 @@ class ComparedClass:
 
     @property
     def name(self) -> str:
-        """Name of the class on a page."""
+        """Name of the model class on a page."""
         return self.figures.name
 
 
@@ -32,12 +32,12 @@ class ComparisonMaterial:
 
     @property
     def comparison(self) -> Comparison:
-        """Comparison of the evidence and predictive density of the classes."""
+        """Comparison of the evidence and predictive density of the model classes."""
         return Comparison(tuple(one.figures for one in self.classes))
 
     @property
     def best(self) -> ComparedClass:
-        """The class that the data favour."""
+        """The model class that the data favour."""
         best = self.comparison.best
         return next(one for one in self.classes if one.figures is best)
 
@@ -48,5 +48,5 @@ class ComparisonMaterial:
 
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """The measurements, common to all classes."""
+        """The measurements, common to all model classes."""
         return self.classes[0].material.observations

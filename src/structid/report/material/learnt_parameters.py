@@ -42,7 +42,7 @@ class LearntParameter:
 
     @property
     def honest(self) -> tuple[float, float]:
-        """The interval to use: for a wrong model, the interval for another record."""
+        """The recommended interval: for a wrong model, the interval for another record."""
         return self.interval if self.elsewhere is None else self.elsewhere
 
     @property
@@ -60,22 +60,22 @@ class LearntParameter:
 
     @property
     def holds_truth(self) -> bool | None:
-        """Whether the true value lies in the interval to use; None if the true value is unknown."""
+        """Whether the true value lies in the recommended interval; None if the true value is unknown."""
         return None if self.truth is None else self.honest[0] <= self.truth <= self.honest[1]
 
     def in_words(self, interval: tuple[float, float]) -> str:
-        """An interval as text, with appropriate digits."""
+        """An interval as a string, with appropriate digits."""
         low, high = interval
         return f"{number(low, (high - low) / DIGITS)} to {number(high, (high - low) / DIGITS)}"
 
     @property
     def value(self) -> str:
-        """The mean as text, with appropriate digits."""
+        """The mean as a string, with appropriate digits."""
         return number(self.mean, self.sd)
 
     @property
     def true_value(self) -> str:
-        """The true value as text, or a dash if it is unknown."""
+        """The true value as a string, or a dash if it is unknown."""
         return "–" if self.truth is None else f"{self.truth:.4g}"
 
     @property
@@ -95,7 +95,7 @@ class LearntParameter:
 
     @property
     def narrowing(self) -> str:
-        """Ratio of the widths of the prior interval and the interval to use, as text."""
+        """Ratio of the widths of the prior interval and the recommended interval, as a string."""
         times = self._narrowed(self.honest)
         if times < LITTLE:
             return "hardly"
@@ -130,9 +130,9 @@ def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
 
 
 def _elsewhere(figures: dict[str, float], bounds: np.ndarray) -> tuple[float, float] | None:
-    """Interval for another record: a normal interval from the sd and the drift combined, limited to the bounds of the prior.
+    """Interval for another record: normal, with the record-to-record standard deviation, limited to the bounds of the prior.
 
-    It always includes the interval for the measured record, which need not be normal.
+    It always includes the interval for the measured record, whose distribution need not be normal.
     """
     if not figures.get("sd_elsewhere", 0.0) > figures["sd"]:
         return None

@@ -64,7 +64,7 @@ class PosteriorMaterial(RunsMaterial):
 
     @property
     def result(self) -> SamplingResult:
-        """The draws of the posterior, with their verdict."""
+        """The posterior draws and their verdict."""
         return self.results[SamplingResult]
 
     @property

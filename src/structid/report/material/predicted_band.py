@@ -1,4 +1,4 @@
-"""A predicted response for a section, with the bands of its draws, computed once for all channels."""
+"""A predicted response for a section, with bands over the posterior draws, computed once for all channels."""
 
 from __future__ import annotations
 

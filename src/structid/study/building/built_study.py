@@ -96,7 +96,7 @@ class BuiltStudy:
 
     @property
     def validation_runs(self) -> int:
-        """Number of model runs that validate the surrogate; multiplied by the number of records if it is valid only for these."""
+        """Number of model runs that validate the surrogate; one set of runs per record if it is valid only for these records."""
         section = self.file.surrogate
         each = self.surrogate_kind is not None and self.surrogate_kind.own_records
         return section.validation * (len(self.campaign_records) if each else 1)
@@ -109,7 +109,7 @@ class BuiltStudy:
 
     @property
     def search_methods(self) -> tuple[str, ...]:
-        """Methods of deterministic search. Default: both methods for a built-in model, none for an external model."""
+        """Methods of deterministic search; by default, all methods for a built-in model, and none for an external model."""
         methods = self.file.deterministic.methods
         if methods is None:
             return ("pattern_search", "interior_point") if self.model.traceable else ()

@@ -1,4 +1,4 @@
-"""The model runs of a study: their points and their records."""
+"""The model runs of a study: their parameter values and their records."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def _check_noise(study: BuiltStudy, posterior: Posterior) -> None:
         if np.abs(values - posterior.predict(theta, int(index))[0]).max() < EXACT * np.abs(values).max():
             raise InputError(
                 "key 'observation.virtual.noise'",
-                "0, and the model can be exactly right: the unknown error variance is then zero",
+                "0, but the model can fit the data exactly: the unknown error variance is then zero",
                 "more than 0, such as noise = 0.02",
                 "Add noise, or give the error variance in [discrepancy].",
             )

@@ -1,4 +1,4 @@
-"""The model of a study. Its free parameters are the parameters that both the model and the space have."""
+"""The model of a study. The free parameters are the parameters that both the model and the parameter space have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common functions for tables with a kind."""
+"""Shared functions for tables that select a kind of model, surrogate, error model or sampler."""
 
 from __future__ import annotations
 

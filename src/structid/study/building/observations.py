@@ -69,11 +69,13 @@ def build_observation(
 
 
 def _refuse_keys_of_files(section: ObservationTable, where: str) -> None:
-    """Reject keys of measured files in a virtual experiment."""
+    """Reject keys that apply only to measured files if the experiment is virtual."""
     for key in ("column", "dt", "sd_column"):
         if getattr(section, key) is not None:
             raise InputError(
-                f"key '{where}.{key}'", "it is given for a virtual experiment", "no such key: it applies to files only"
+                f"key '{where}.{key}'",
+                "it is given for a virtual experiment",
+                "no such key: it is for measured files only",
             )
     if isinstance(section.time_shift, (int, float, str)):
         raise InputError(f"key '{where}.time_shift'", "a number for a virtual experiment", "a prior, or no such key")

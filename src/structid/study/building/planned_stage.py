@@ -18,5 +18,5 @@ class PlannedStage(ABC):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Inputs on which its stored results depend, by name, unless the store checks them itself."""
+        """Inputs, by name, on which the stage's stored results depend; empty if the store checks them itself."""
         return {}

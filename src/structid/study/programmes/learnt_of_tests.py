@@ -29,7 +29,7 @@ from structid.study.programmes.planned_programme import PlannedProgramme
 from structid.study.timings import Stage, StepProgress, Timings, silent
 
 CHAINS = "learnt.h5"
-"""Draws of the posterior, computed with the model itself."""
+"""Draws from the posterior, computed with the model itself."""
 LEARNING = "learning.json"
 """Durations of the stages of a calibration."""
 MOST_PIECES = 64
@@ -67,7 +67,7 @@ def learnt_of(
 def _drawn(
     planned: PlannedProgramme, posterior: Posterior, folder: Path, stage: Stage
 ) -> tuple[SamplingResult, CalibrationResult | None]:
-    """Draws of the posterior, with a certified surrogate or with the model itself."""
+    """Draws from the posterior, with a certified surrogate or with the model itself."""
     file = planned.file
     if (plan := build_plan(file.calibration)) is None:
         with stage("learning") as progress:
@@ -120,7 +120,8 @@ def followed_in_pieces(
 ) -> Histories:
     """Simulate with as many substeps per move as the hysteretic model needs.
 
-    A stronger test has larger moves per step than the tests used for learning, possibly too large for one step of the model.
+    The displacement increments of a stronger test are larger than those of the tests used for learning, and possibly too large
+    for one step of the model.
     """
     runs = virtual.simulate(draws, record)
     while np.any(runs.status == Status.DIVERGED) and virtual.pieces < MOST_PIECES:
@@ -130,5 +131,5 @@ def followed_in_pieces(
 
 
 def _at_steps(record: GroundMotion, dt: float, steps: int) -> GroundMotion:
-    """The part of a record used by a test, with a sample for each coarse step."""
+    """The part of a record used by a test, sampled at the programme's coarse time step."""
     return GroundMotion(record.values_at(np.arange(steps + 1) * dt), dt, name=record.name)

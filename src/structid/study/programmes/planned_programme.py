@@ -80,7 +80,7 @@ class PlannedProgramme:
         return RemoteSpecimen(address, secret if isinstance(secret, str) else secret())
 
     def _actuator(self, unit: str) -> Actuator:
-        """Build an actuator; for a rotation channel, stroke, speed, noise and range refer to a lever of 1 m."""
+        """Build an actuator; for a rotation channel, stroke, speed, noise and range refer to a lever arm of 1 m."""
         given = self.file.specimen.actuator
         settings = {name: getattr(given, name) for name in ("delay", "lag", "stroke", "velocity", "force")}
         with within("table 'specimen.actuator'"):

@@ -125,7 +125,7 @@ class OnlineTable(FileTable):
 
 
 class LearningTable(FileTable):
-    """Learning from one test and all tests before it, and prediction of a later test."""
+    """Settings for learning from one test and all tests before it, and for predicting a later test."""
 
     from_test: str
     predict: str | None = None

@@ -29,7 +29,7 @@ from structid.study.schema.static_tables import ModelTable
 
 
 def moved_model(section: ModelTable, folder: Path) -> Model:
-    """Build a model for imposed displacements without free parameters."""
+    """Build a model without free parameters, on which displacements can be imposed."""
     return true_model(section, moved_channels(section), folder)
 
 

@@ -23,7 +23,7 @@ class StudyErrors(InputError):
 
 
 _VARIANTS = {"float", "str", "PriorTable", "int"}
-"""Steps in pydantic's locations that are variants of a type, not keys."""
+"""Elements of pydantic's error locations that name a variant of a type, not a key."""
 
 
 def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str:
@@ -79,7 +79,7 @@ KINDS_OF_VALUE = {
 }
 """Descriptions of the expected value, by pydantic's error type."""
 LIMITS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
-"""Descriptions of limits, by pydantic's names."""
+"""Descriptions of limits, by pydantic's names for them."""
 
 
 def _allowed(error: Any) -> str:
@@ -101,7 +101,7 @@ def _words_of_models(schema: type[BaseModel]) -> list[str]:
 
 
 def _tags(schema: type[BaseModel]) -> set[str]:
-    """Names of all kinds in all tables; pydantic adds them to its locations."""
+    """Names of all kinds in all tables; pydantic adds these names to its error locations."""
     return {word for field in schema.model_fields.values() for word in _words_of(_tables(field.annotation))}
 
 

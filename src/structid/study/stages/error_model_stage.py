@@ -75,8 +75,8 @@ def _remark(study: BuiltStudy, posterior: Posterior) -> str:
     """Remark on the replacement of the study's sampler."""
     walkers, dimension = build_sampler(study.file.sampler).walkers, posterior.dimension
     return (
-        f"The {walkers} walkers of the study's sampler are too few for {dimension} values, including the knots; at least "
-        f"{2 * dimension} are needed. Sampler used instead: {WITH_HIDDEN_VALUES.in_words}."
+        f"The {walkers} walkers of the study's sampler are too few for {dimension} parameters, including the values at the knots; "
+        f"at least {2 * dimension} are needed. Sampler used instead: {WITH_HIDDEN_VALUES.in_words}."
     )
 
 

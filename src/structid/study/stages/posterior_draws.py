@@ -12,7 +12,7 @@ from structid.study.stages.error_model_stage import with_error_model
 from structid.study.stages.stage import StudyStage, StudyState, Workplace
 
 CHAINS_WITHOUT_HIDDEN = "chains_without_hidden.h5"
-"""Draws under an error model without latent variables, if a model with latent variables could not be sampled reliably."""
+"""Draws under an error model without latent variables, used if one with latent variables cannot be sampled reliably."""
 
 
 def _run(state: StudyState, workplace: Workplace) -> StudyState:

@@ -58,7 +58,7 @@ class StudyState:
 
 
 class StageTable(FileTable):
-    """Keys of a table of the study file that requests a stage."""
+    """Keys of a table in the study file that requests a stage."""
 
     word: ClassVar[str]  # name of the table
     store: ClassVar[str]  # file with the work of the stage, in the folder of the study

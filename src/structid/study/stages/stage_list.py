@@ -1,4 +1,4 @@
-"""The stages of a study, in order. A new stage is a file with a `StudyStage`, and a line here."""
+"""The stages of a study, in order. To add a stage, add a file with a `StudyStage`, and a line here."""
 
 from __future__ import annotations
 

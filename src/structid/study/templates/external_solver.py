@@ -2,7 +2,7 @@
 
 structid calls `respond` once per run, in a child process. If a run crashes, hangs or returns incomplete histories, the other
 runs continue. Parameters arrive in SI units, under their names in the study file. Return histories in SI units, with one value
-per sample of the record. Raise an exception if a run fails. A value that is not finite means that the run diverged there.
+per sample of the record. Raise an exception if a run fails. A value that is not finite means that the run diverged at that time.
 """
 
 from itertools import pairwise
@@ -12,7 +12,7 @@ DAMPING_RATIO = 0.03
 
 
 def respond(parameters, record):
-    """Relative velocity of the mass [m/s] under the record, shape (time,)."""
+    """Relative velocity of the mass [m/s] for the record, shape (time,)."""
     stiffness = parameters["stiffness"]  # N/m
     yield_displacement = parameters["yield_displacement"]  # m
     hardening = parameters["hardening"]  # ratio of post-yield to initial stiffness
@@ -33,7 +33,7 @@ def respond(parameters, record):
 
 
 def runge_kutta(rates, state, before, after, dt):
-    """One step of the classical fourth-order Runge-Kutta method; the ground acceleration is linear between samples."""
+    """Take one step with the classical fourth-order Runge-Kutta method; the ground acceleration is linear between samples."""
     middle = 0.5 * (before + after)
     k1 = rates(state, before)
     k2 = rates(moved(state, k1, 0.5 * dt), middle)

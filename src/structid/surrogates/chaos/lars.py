@@ -1,4 +1,4 @@
-"""Sparse regression: order the terms, fit nested sets of terms by least squares, select their number by leave-one-out.
+"""Sparse regression: order the terms, fit nested sets by least squares, select their number by leave-one-out error.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -13,10 +13,10 @@ import scipy
 from jaxtyping import Float, Int
 
 OPTIMISM = 0.25
-"""Forward selection is preferred only if its leave-one-out error is smaller, by this factor, than the error of least angle
+"""Forward selection is preferred only if its leave-one-out error is below this fraction of the error of least angle
 regression. Forward selection uses the same data for selection and assessment, so its leave-one-out error is more optimistic.
-Measured: for smooth functions it is more accurate by factors of 10 to 10⁵; for functions with kinks its leave-one-out error is
-a third too small."""
+In tests with smooth functions it is more accurate by factors of 10 to 10⁵; for functions with kinks, its leave-one-out
+error is a third too small."""
 
 FIRST_PATH = 120
 """Number of terms of the first path. The path is doubled while the best model is near the end of the path."""

@@ -36,8 +36,9 @@ class OrthonormalFamily:
     def of(cls, marginal: Marginal, degree: int) -> OrthonormalFamily:
         """Select the family of a marginal, and compute its recurrence up to a degree.
 
-        For a lognormal variable the polynomials use the logarithm, because polynomials of the variable are not complete (Ernst et
-        al. 2012, doi 10.1051/m2an/2011045). The recurrence is numerical for a truncated or non-classical distribution.
+        For a lognormal variable the polynomials use the logarithm, because polynomials in the variable itself are not a
+        complete basis (Ernst et al. 2012, doi 10.1051/m2an/2011045). The recurrence is numerical for a truncated or
+        non-classical distribution.
         """
         truncated = np.isfinite(_truncation(marginal)).any()
         n = np.arange(degree + 1, dtype=np.float64)
@@ -102,7 +103,7 @@ class OrthonormalFamily:
         return self._recurrence(((numpy.log(x) if self.logarithmic else x) - self.shift) / self.scale, degree)
 
     def _recurrence(self, t: Any, degree: int) -> list[Any]:
-        """Return the values by the recurrence, at points of the polynomials' variable."""
+        """Evaluate the polynomials by their recurrence, at values of the standardised variable."""
         values = [namespace(t).ones_like(t)]
         for n in range(degree):
             previous = self.b[n - 1] * values[n - 1] if n else 0.0

@@ -24,9 +24,9 @@ from structid.surrogates.chaos.shrinkage import fit_shrunk
 from structid.surrogates.regression import check_training
 
 PATIENCE = 2
-"""Number of degrees without a smaller leave-one-out error after which a degree-adaptive fit stops."""
+"""Number of successive degrees without a smaller leave-one-out error after which a degree-adaptive fit stops."""
 LARGEST_SEARCHED = 6000
-"""Number of terms at which a search over degrees stops, once a model is found. One given degree may have more terms."""
+"""Number of terms at which a search over degrees stops, once a model is found. A single degree may have more terms."""
 
 METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
 """Methods that select the terms and determine their coefficients."""
@@ -40,18 +40,18 @@ class PCE:
     Parameters
     ----------
     degree : int or sequence of int
-        Largest total degree. From several degrees, each output uses the one with the smallest leave-one-out error. The search
-        stops early when this error no longer decreases.
+        Largest total degree. If several are given, each output uses the degree with the smallest leave-one-out error.
+        The search stops early when this error no longer decreases.
     hyperbolic_norm : float or sequence of float
-        q of the hyperbolic truncation, in (0, 1]. From several values, each output uses the best.
+        q of the hyperbolic truncation, in (0, 1]. If several are given, each output uses the best.
     interaction : int, optional
         Largest number of parameters in one term.
     method : {"sparse", "lars", "forward", "ols", "shrinkage"}
         Selection of the terms. ``"lars"`` uses least angle regression, ``"forward"`` forward orthogonal least squares.
-        ``"sparse"`` uses ``"forward"`` if its leave-one-out error is clearly smaller, and ``"lars"`` otherwise. ``"ols"`` is
-        ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs. Its coefficients shrink with
-        the degree, at rates that are estimated from the runs and shared by all outputs; `degree`, `hyperbolic_norm` and
-        `interaction` are then not used.
+        ``"sparse"`` uses ``"forward"`` if its leave-one-out error is clearly smaller, and ``"lars"`` otherwise.
+        ``"ols"`` is ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs. Its
+        coefficients shrink with the degree, at rates that are estimated from the runs and shared by all outputs;
+        `degree`, `hyperbolic_norm` and `interaction` are then not used.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
 from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily
 
 MORE_NODES = 60
-"""Number of quadrature nodes beyond the degree, for functions that are constant outside a range and so not polynomials."""
+"""Number of quadrature nodes in addition to the degree, for functions that are constant outside a range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class PolynomialBasis:
 
 
 def box_variables(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-    """Return bounded variables in which polynomials of the prior and of the bounded range can be expanded in each other."""
+    """Return the variables of a `box`: standard normal if correlated, logarithms if lognormal, otherwise SI values."""
     if space.correlation is not None:
         return standard_normal(space, theta)
     numpy = namespace(theta)

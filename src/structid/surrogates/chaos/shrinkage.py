@@ -76,7 +76,7 @@ def fit_shrunk(
 
 
 def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Return ascending positions of the terms with energy, and of all terms of lower degree in some parameter."""
+    """Return the positions of the non-negligible terms, and of lower-degree terms for a downward-closed set."""
     energy = np.sum(coefficients**2, axis=1)
     rising = np.argsort(energy)
     needed = np.ones(len(energy), dtype=bool)
@@ -93,7 +93,7 @@ def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def weighted_indices(rates: Float[np.ndarray, " parameter"], most: int) -> Int[np.ndarray, "term parameter"]:
-    """Return the multi-indices with the smallest Σ wⱼ αⱼ, including all multi-indices of lower degree in some parameter."""
+    """Return the multi-indices with the smallest Σ wⱼ αⱼ, as a downward-closed set."""
     budget = rates.min()
     while True:
         indices = _within(rates, budget)

@@ -26,7 +26,7 @@ SMALL_DESIGN = 300
 """Number of points up to which NumPy, with one computation per pair, is faster than compiled code with two per pair."""
 
 DESIGN_STEP = 32
-"""Number of points to whose multiples designs are padded for compiled code, so that few sizes are compiled."""
+"""Designs are padded to a multiple of this number of points for compiled code, so that few sizes are compiled."""
 
 
 class CorrelationMatrices:
@@ -65,7 +65,7 @@ class CorrelationMatrices:
                 yield from self._by_compiled_code(rows).reshape(size, len(some), size).transpose(1, 0, 2)
 
     def _by_compiled_code(self, rows: np.ndarray) -> np.ndarray:
-        """Return the correlations (point, row) of the design with points that have separate lengths."""
+        """Return the correlations (point, row) of the design with points that have their own correlation lengths."""
         missing = -len(self._points) % DESIGN_STEP
         padded = np.concatenate([self._points, np.repeat(self._points[-1:], missing, axis=0)])
         return np.asarray(self._columns(rows, padded)[: len(self._points)])
@@ -81,7 +81,7 @@ class CorrelationMatrices:
         return np.asarray(correlation_of(family, True, list(rates.T[:, :, None] * self._distances[:, None, :])))
 
     def _filled(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the whole matrix from its part above the diagonal."""
+        """Return the full symmetric matrix from its part above the diagonal."""
         size = len(self._points)
         whole = np.empty(size * size)
         above, below = self._places
@@ -133,10 +133,10 @@ def _rows(points: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
 
 @functools.cache
 def _compiled(family: str, separable: bool) -> tuple[InLanes, InLanes]:
-    """Return functions of rows with points and log lengths: correlations with a design, and derivatives of their sum."""
+    """Compile two functions of points and log lengths: correlations with a design, and gradients of weighted sums."""
 
     def with_one(log_lengths: Any, own_lengths: Any, point: Any) -> Any:
-        """Return the correlations of one point with many points that have separate lengths."""
+        """Return the correlations of one point with many points that have their own correlation lengths."""
         rates = jnp.exp(-log_lengths)
         return correlation_of(
             family, separable, [(own_lengths[:, j] - point[j]) * rates[:, j] for j in range(own_lengths.shape[1])]

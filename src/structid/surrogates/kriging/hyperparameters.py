@@ -31,8 +31,10 @@ GLOBAL_POINTS, SCREENING_POINTS = 100, 250
 class HyperparameterObjective:
     """The objective of the hyper-parameters with its exact gradient; all outputs share one variance.
 
-    Maximum likelihood, profiled over β and σ²: N/2 log σ̂² + ½ log|C|; its derivative by C is ½ (C⁻¹ − w wᵀ/σ̂²).
-    Cross-validation: N/2 log Σ eᵢ²; its derivative by Q is M with M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
+    Maximum likelihood, profiled over β and σ²: N/2 log σ̂² + ½ log|C|. Its derivative with respect to C is
+    ½ (C⁻¹ − w wᵀ/σ̂²).
+    Cross-validation: N/2 log Σ eᵢ². The derivative of Σ eᵢ² with respect to Q is M with
+    M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
 
     The argument is the vector of log correlation lengths, followed by the log nugget if it is estimated.
     """
@@ -88,7 +90,7 @@ class HyperparameterObjective:
         return value, slope
 
     def _likelihood(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """Return the negative log likelihood and its derivative by C."""
+        """Return the negative log likelihood and its derivative with respect to C."""
         runs, outputs = self.data.outputs.shape
         _, _, coefficients, weights = generalised_least_squares(self.data, cholesky)
         error = self.data.outputs - self.data.trend @ coefficients
@@ -99,7 +101,7 @@ class HyperparameterObjective:
         return float(value), 0.5 * (inverse_of(cholesky) - weights @ weights.T / (variance * outputs))
 
     def _cross_validation(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """Return N/2 times the log of the sum of squared leave-one-out residuals, and its derivative by C."""
+        """Return N/2 log Σ eᵢ² of the leave-one-out residuals e, and its derivative with respect to C."""
         solved_trend, trend_covariance, _, weights = generalised_least_squares(self.data, cholesky)
         q = inverse_of(cholesky) - solved_trend @ trend_covariance @ solved_trend.T
         precision = np.diag(q)
@@ -126,8 +128,9 @@ def search_hyperparameters(
 ) -> Float[np.ndarray, " hyperparameter"]:
     """Find the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
 
-    The local search makes quasi-Newton steps on part of the design, then on twice as many runs, and finally on all runs. The
-    curvature of one part, scaled by the number of runs, starts the next part, so that few evaluations need the whole design.
+    The local search makes quasi-Newton steps on part of the design, then on twice as many runs, and finally on all
+    runs. The curvature found on one part, scaled by the number of runs, starts the search on the next, so few steps
+    need all runs.
     """
     data = objective.data
     order = rng.permutation(len(data.points))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from structid.surrogates.covariance_factors import inverse_of, raised_cholesky
 
 LARGEST_RAISED_NUGGET = 1e-5
-"""Largest nugget to which rounding errors may raise it; with a larger nugget the points are too close to interpolate."""
+"""Limit for raising the nugget against rounding errors; points that need more are too close to interpolate."""
 
 SMALLEST_NUGGET = 1e-13
 """Nugget used if none is requested, so that rounding does not make the matrix indefinite."""

@@ -87,8 +87,8 @@ class KrigingGroup:
     def mean_and_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
-        The difference is accurate only to `SMALLEST_NUGGET`, which is therefore the smallest predicted value. If runs are noisy
-        and no nugget is given, σ² is so large that this value equals the variance of the noise.
+        The factor of σ² is accurate only to `SMALLEST_NUGGET`, which is therefore its smallest value. If runs are noisy
+        and no nugget is given, σ² is so large that the smallest s² equals the variance of the noise.
         """
         numpy, f, r = namespace(theta), self.trend.evaluate(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg

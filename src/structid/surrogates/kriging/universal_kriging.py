@@ -108,8 +108,8 @@ class Kriging:
         progress : callable, optional
             Callback whose arguments are the finished and the total number of steps of the search for correlation lengths.
         start : KrigingPredictor, optional
-            A Kriging fitted to fewer points. The search starts from its correlation lengths, and a global search follows only if
-            the result predicts poorly. `start` is used only if all outputs share their lengths.
+            A Kriging fitted to fewer points. The search starts from the correlation lengths of `start`, and a global
+            search follows only if the result predicts poorly. `start` is used only if all outputs share their lengths.
 
         Returns
         -------
@@ -134,7 +134,7 @@ class Kriging:
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
-        """Return the values of `separable` to try: the given value, or both values if they differ."""
+        """Return the values of `separable` to try: the given value, or both if their correlations differ."""
         forms = (False, True) if self.separable is None else (self.separable,)
         return forms[:1] if self.correlation == "gaussian" or theta.shape[1] == 1 else forms
 

@@ -1,4 +1,4 @@
-"""A NARX for any record, with a POD-Kriging for the records of its runs."""
+"""A NARX for any record, with a POD-Kriging for the records of its training runs."""
 
 from __future__ import annotations
 
@@ -136,8 +136,8 @@ class CorrectedNARX:
         progress : callable, optional
             Callback whose arguments are the finished percentage of the fit, and 100.
         start : NARXBesideKriging, optional
-            A surrogate fitted to some of these runs. The search for correlation lengths starts from its lengths. If it was fitted
-            to all of these runs, its NARX is reused.
+            A surrogate fitted to some of these runs. The search for correlation lengths starts from those of `start`.
+            If it was fitted to all of these runs, its NARX is reused.
         weights : ndarray, shape (run,), optional
             Weights of the errors of the runs in the fit of the NARX; equal by default.
 

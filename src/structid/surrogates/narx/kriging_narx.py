@@ -28,9 +28,9 @@ from structid.surrogates.surrogate_kind import SurrogateKind
 class KrigingNARX(NARXSettings):
     """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
 
-    With ``training="joint"`` the coefficients of each run are refined on its free run. Coefficients that the run does not
-    determine are drawn towards the coefficients of the joint training. The differences are then interpolated. With plain least
-    squares, collinear coefficients would vary so irregularly that no interpolation is possible.
+    With ``training="joint"``, a refinement fits the coefficients of each run to its free run. Coefficients that the run
+    does not determine are drawn towards the coefficients of the joint training. The differences are then interpolated.
+    With plain least squares, collinear coefficients would vary so irregularly that no interpolation is possible.
 
     Parameters
     ----------

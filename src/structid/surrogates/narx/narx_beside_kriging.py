@@ -37,14 +37,14 @@ class NARXBesideKriging(Surrogate):
 
     @property
     def kind_in_words(self) -> str:
-        """Name of the user's kind of surrogate, with a note on the interpolation."""
+        """Name of the NARX surrogate, with a note that the records of its runs are interpolated."""
         return f"{self.narx.fitted.kind} surrogate (interpolated on the records of its runs)"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
         """Terms of the NARX, and records on which the response is interpolated."""
         records = ", ".join(f"'{fit.name}'" for fit in self.kriging.records.values())
-        return [*self.narx.structure_in_words, ("the response itself is interpolated on", records)]
+        return [*self.narx.structure_in_words, ("response interpolated on", records)]
 
     def knows(self, identity: str) -> bool:
         """Whether the surrogate was fitted to runs on a record."""
@@ -103,7 +103,7 @@ class NARXBesideKriging(Surrogate):
     def left_out(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
     ) -> Float[np.ndarray, "run time channel"]:
-        """Predict each run of the fit from all others; see `ResponseSpaceSurrogate.left_out`."""
+        """Predict each training run from all others; see `ResponseSpaceSurrogate.left_out`."""
         return self.kriging.left_out(theta, excitation)
 
     @property
@@ -130,7 +130,7 @@ class NARXBesideKriging(Surrogate):
                 "load_surrogate",
                 "a CorrectedNARX of version 0.2, a sum of a NARX and a Kriging",
                 "a CorrectedNARX of this version, in which the Kriging replaces the NARX on its records",
-                "Fit it again to its runs.",
+                "Fit the surrogate to its runs again.",
             )
 
         def part(kind: Any, name: str) -> Any:

@@ -92,7 +92,7 @@ class NARXFit:
 
     @cached_property
     def points(self) -> Design:
-        """Points of the completed runs, in the coordinates of their space if there are any."""
+        """Points of the completed runs, in the coordinates of their space if it has any."""
         return coordinate_design(self.runs.design)
 
     def _coefficients(
@@ -131,7 +131,7 @@ class NARXFit:
         return self._with_deviation(trend, coefficients - coefficients.mean(axis=0), regression)
 
     def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
-        """Add to the trend an interpolation of the deviations from it, for those coefficients whose deviation varies."""
+        """Add interpolated deviations to the trend, for the coefficients whose deviations vary over the runs."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
             return self._coefficients(trend)

@@ -84,7 +84,7 @@ def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarra
 
 
 class ParametricNARX(Surrogate):
-    """A fitted `PCNARX` or `KrigingNARX`, which simulates by recursion any record with the time step of its training."""
+    """A fitted `PCNARX` or `KrigingNARX`: a recursion for any record with the time step of the training records."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class ParametricNARX(Surrogate):
         theta = self.parameters(design)
         self.check_excitation(excitation)
         if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
-            raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples of 1 or more")
+            raise InputError("predict_ahead: horizon", f"{horizon!r}", "a whole number of samples, 1 or more")
         values = self._measured(measured, len(theta), len(excitation), "predict_ahead: measured")
         outputs = self._from_measured(theta, excitation, values, horizon=int(horizon))
         return self._histories(outputs[:, excitation.dropped_samples :], excitation)
@@ -173,15 +173,15 @@ class ParametricNARX(Surrogate):
     def simulate_after(self, design: Design | np.ndarray, excitation: Excitation, beginning: np.ndarray) -> Histories:
         """Simulate a free run after a measured beginning, for a system that is not at rest at the start of the record.
 
-        `simulate` starts with the outputs at their mean initial values in the training data, and with zeros before. Here the
-        measurement initialises the memory of the recursion. Its duration must be the longest lag, or, for integrals and hysteretic
-        memories, the time after which initial conditions have no effect.
+        `simulate` starts with the outputs at their mean initial values in the training data, and with zeros before.
+        Here the measurement initialises the memory of the recursion. It must cover the longest lag or, with integrals
+        and hysteretic memories, the time after which initial conditions have no effect.
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
         if excitation.dropped_samples:
             came = f"a signal with {excitation.lead_in_periods} lead-in periods"
-            raise InputError("simulate_after: excitation", came, "no lead-in before the measurement")
+            raise InputError("simulate_after: excitation", came, "an excitation without lead-in periods")
         measured_samples = np.shape(beginning)[-2] if np.ndim(beginning) > 1 else np.size(beginning)
         if not 1 <= measured_samples < len(excitation):
             allowed = f"1 to {len(excitation) - 1} samples for this excitation"
@@ -199,7 +199,7 @@ class ParametricNARX(Surrogate):
         if values.shape not in (shape, shape[1:]) or not np.isfinite(values).all():
             came = f"an array of shape {np.shape(given)}"
             came += "" if np.isfinite(values).all() else " with values that are not finite"
-            raise InputError(where, came, f"finite values of shape {shape}, or without the first axis")
+            raise InputError(where, came, f"finite values of shape {shape}, or of this shape without the first axis")
         return np.broadcast_to(values, shape)
 
     def _from_measured(
@@ -257,7 +257,7 @@ class ParametricNARX(Surrogate):
         excitation: Excitation,
         values: Float[np.ndarray, "run time channel"],
     ) -> Float[np.ndarray, "run time channel"]:
-        """Return the standard deviation of the error, a fraction of the prediction's moving root mean square from held-out runs."""
+        """Return the standard deviation of the error: a moving root mean square times a factor from held-out runs."""
         return np.asarray(local_size(values) * self.spread)
 
     def error_variance(
@@ -285,7 +285,7 @@ class ParametricNARX(Surrogate):
         return least_squares_of_each(free_run, data)
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
-        """Draw the coefficients against coefficients fitted to single runs, if the run determines them."""
+        """Draw the predicted coefficients against coefficients fitted to each single run."""
         from structid.figures import surrogate as figures
 
         done = runs[runs.done]
@@ -353,7 +353,7 @@ class WithOwnCoefficients:
         return self.surrogate.parameters(design)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation that the surrogate refuses."""
+        """Check an excitation; see `ParametricNARX.check_excitation`."""
         self.surrogate.check_excitation(excitation)
 
     def outside(self, theta: np.ndarray) -> np.ndarray:

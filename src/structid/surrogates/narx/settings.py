@@ -69,7 +69,7 @@ class NARXSettings:
         if not (isinstance(self.washout, (int, float)) and self.washout >= 0.0):
             raise InputError("washout", f"{self.washout!r}", "a time of 0 s or more")
         if not all(isinstance(h, int) and h >= 1 for h in self.horizons or ()):
-            raise InputError("horizons", f"{self.horizons!r}", "numbers of samples of 1 or more")
+            raise InputError("horizons", f"{self.horizons!r}", "whole numbers of samples, each 1 or more")
         # Invalid terms and memories are refused here, before the model runs.
         for terms in self.terms.values() if isinstance(self.terms, Mapping) else [self.terms or ()]:
             as_terms(terms)
@@ -105,7 +105,7 @@ def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.nd
 
 
 def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that there are enough runs for coefficients that are chaos expansions of a degree."""
+    """Check that there are enough runs for coefficients that are chaos expansions of a given degree."""
     terms = math.comb(space.dimension + degree, degree)
     if terms > max(runs // 2, 1):
         raise InputError(

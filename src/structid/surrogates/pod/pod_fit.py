@@ -54,7 +54,7 @@ class PODSettings(Protocol):
 
 
 def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
-    """Check planned runs: each record needs enough runs, and all records need one time step."""
+    """Check planned runs: each record needs enough runs, and all records need the same time step."""
     common_step(f"{kind}.fit", records)
     fewest = len(design) // len(records)
     check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")

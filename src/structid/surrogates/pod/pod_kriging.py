@@ -29,8 +29,8 @@ LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
 
 REACH_IN_A_CALIBRATION = 0.5
 """Distance of Kriging extrapolation beyond the range of the runs in a calibration, relative to the width of the range.
-The Kriging variance covers the extrapolation error, and model runs follow there. A response clipped at the edge would hide
-a posterior in the tails of the prior."""
+The Kriging variance covers the extrapolation error, and the calibration adds model runs there. A response clipped at the edge
+would hide a posterior in the tails of the prior."""
 
 
 @check_arguments
@@ -81,7 +81,7 @@ class PODKriging:
 
     @property
     def forms(self) -> tuple[PODKriging, ...]:
-        """Forms from which a calibration selects; only one form if a Kriging was given."""
+        """Forms of the Kriging from which a calibration selects; only the given form if it is not the default."""
         kinds = (
             Kriging(separable=False),
             Kriging(separable=True),
@@ -129,7 +129,7 @@ class PODKriging:
         progress : callable, optional
             Callback whose arguments are the finished percentage of the fit, and 100.
         start : ResponseSpaceSurrogate, optional
-            A surrogate fitted to some of these runs. The search starts from its correlation lengths; see `Kriging.fit`.
+            A surrogate fitted to some of these runs. The search starts from the lengths of `start`; see `Kriging.fit`.
 
         Returns
         -------

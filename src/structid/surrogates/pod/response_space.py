@@ -34,7 +34,7 @@ class ResponseSpaceSurrogate(Surrogate):
         self.records = dict(records)
 
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse a record that is not a record of the training runs."""
+        """Refuse a record that is not among the records of the training runs."""
         if excitation.content_hash not in self.records:
             records = ", ".join(
                 f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values()
@@ -143,7 +143,7 @@ class ResponseSpaceSurrogate(Surrogate):
     def sampled(
         self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
     ) -> Float[np.ndarray, "run time channel"]:
-        """Draw responses from the independent errors of the scores; see `Surrogate.sampled`."""
+        """Draw responses with independent random errors of the scores; see `Surrogate.sampled`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         scores, deviation = self.scores_with_deviation(fit, np.asarray(theta, dtype=np.float64))

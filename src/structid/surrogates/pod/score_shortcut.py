@@ -23,7 +23,7 @@ class ScoreSource(Protocol):
     records: dict[str, RecordFit]
 
     def held_inside(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
-        """Move points outside the range of the design to its edge."""
+        """Move points beyond the permitted extrapolation to its boundary."""
 
     def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
         """Return a mask of the points that a posterior may use."""

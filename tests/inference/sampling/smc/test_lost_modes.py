@@ -162,7 +162,7 @@ def test_a_run_that_begins_again_is_killed_and_goes_on_to_the_same_bits(tmp_path
 def test_particles_that_have_not_reached_the_neck_of_a_funnel_say_so():
     result = si.sample(funnel(10), replace(SMALL, steps=60), seed=1)
     assert not result.verdict().converged
-    assert "not in equilibrium" in str(result.verdict()) and "missing in the draws and in the evidence" in str(
+    assert "not in equilibrium" in str(result.verdict()) and "missing from the draws and the evidence" in str(
         result.verdict()
     )
     assert "without regions that the particles have not reached" in str(result.log_evidence)

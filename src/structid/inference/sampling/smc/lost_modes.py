@@ -1,9 +1,9 @@
 """Search for modes that particles have lost, from draws of the prior.
 
-While the exponent is small, a narrow mode contains few particles or none, whatever its final mass. Of two Gaussian modes of
-widths s₁ < s₂ in d dimensions, the narrow mode begins with a fraction of about (s₁/s₂)^d. Once it has lost its last particle, all
-populations agree without it. A search by steepest ascent needs no particles in the mode; it finds a mode if it begins in its
-basin.
+While the exponent is small, a narrow mode contains few particles or none, whatever its final mass. Of two Gaussian
+modes of widths s₁ < s₂ in d dimensions, the narrow mode begins with a fraction of about (s₁/s₂)^d. Once all populations
+have lost their last particle there, they agree, although the mode is missing. An uphill search needs no particles in
+the mode; it finds the mode if it begins in the mode's basin of attraction.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from structid.inference.target import Target
 VALLEY = 1.0
 """Fall of the log density along the path between two points that counts as a valley."""
 PLACES = (0.0, 0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
-"""Positions at which the path between two points is evaluated; near its start, the slope shows the basin."""
+"""Fractions of a path at which the density is evaluated; those near the start show in which basin the start lies."""
 NEIGHBOURS = 10
-"""Particles to which the path from the end of a search is evaluated."""
+"""Number of nearest particles from which valleys must separate a new mode, and largest number of centres."""
 SEARCHES = 8
 """Searches per round."""
 ROUNDS = 4
-"""Largest number of rounds, since straight paths in a curved posterior have valleys without a further mode."""
+"""Largest number of rounds; in a curved posterior, straight paths cross valleys even without a further mode."""
 TREND = 20
 """Points per coefficient for fitting a trend of the log density."""
 IN_A_PART = 10_000
-"""Points at which that trend is evaluated at once."""
+"""Number of points at which the trend is evaluated at once."""
 LENGTHS = (0.25, 0.5, 1.0, 2.0)
 """Step lengths uphill, relative to the distance to a fitted parabola's maximum."""
 STEP = 1e-5
@@ -61,9 +61,10 @@ def lost_modes(
 ) -> list[Mode]:
     """Search for modes without particles.
 
-    Each scout makes one step uphill. It is skipped if the density never falls on the straight path from there to a known mode.
-    Otherwise a search climbs from the point where the density begins to fall, starting with the densest scouts. Its maximum is a
-    new mode if valleys separate it from the surrounding particles.
+    Each starting point (scout) moves one step uphill in log density. It is skipped if the density never falls on the
+    straight path from there to a known mode. Otherwise a search climbs from the point where the density begins to fall.
+    Searches begin with the scouts of highest density. The maximum is a new mode if valleys separate it from the
+    surrounding particles.
     """
     return _lost(_Known(target, particles, log_density), scouts)
 
@@ -188,7 +189,7 @@ class _Known:
     def _valleys(
         self, start: np.ndarray, own_density: np.ndarray, end: np.ndarray, density_there: np.ndarray | float
     ) -> np.ndarray:
-        """Whether the density falls below both ends of some paths."""
+        """Whether the density on each path falls below the densities at both ends."""
         _, density = self._on_the_way(start, end)
         return np.asarray(density.min(axis=0) < np.minimum(own_density, density_there) - VALLEY)
 
@@ -203,7 +204,7 @@ class _Known:
         return centres
 
     def is_new(self, mode: Mode) -> bool:
-        """Whether valleys separate a mode from all particles next to it."""
+        """Whether valleys separate a mode from all of the nearest particles."""
         away = ((self.particles - mode.middle) / self.particles.std(axis=0)) ** 2
         nearest = np.argsort(away.sum(axis=1))[:NEIGHBOURS]
         start = np.broadcast_to(mode.middle, (len(nearest), len(mode.middle)))
@@ -212,7 +213,7 @@ class _Known:
 
 
 def _climbed(explored: _Known, start: np.ndarray) -> Mode:
-    """The maximum uphill from a point, by BFGS with central differences; all points of a gradient in one call."""
+    """Climb from a point to a maximum by BFGS with central differences; one call evaluates all points of a gradient."""
     steps = STEP * np.eye(len(start))
 
     def falling(phi: np.ndarray) -> float:
@@ -229,7 +230,7 @@ def _climbed(explored: _Known, start: np.ndarray) -> Mode:
 
 
 def _curvature(explored: _Known, middle: np.ndarray) -> np.ndarray:
-    """−∇∇ log π, made positive definite: second differences over steps in which the density falls by about one half."""
+    """−∇∇ log π, made positive definite: second differences over steps in which log π falls by about ½."""
     own_density = explored.density(middle[None])[0]
 
     def second(first: np.ndarray, then: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from structid.probability.ranks import ranks
 
 MOVED_BY = 5.0
-"""Largest accepted change of an equilibrium quantity's mean, in standard errors, among some dozens of quantities."""
+"""Largest change of a mean that counts as equilibrium, in standard errors, when dozens of quantities are tested."""
 
 
 def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) -> dict[int, float]:

@@ -54,5 +54,5 @@ class FromReference(Target):
 
     @property
     def content_hash(self) -> str:
-        """Hash of the target, since the sum of both parts is the same density."""
+        """Hash of the target, whose log density is the sum of both parts."""
         return self.target.content_hash

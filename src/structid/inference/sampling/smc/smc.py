@@ -1,9 +1,9 @@
 """Tempered sequential Monte Carlo: from the prior to the posterior by tempering steps, with the evidence.
 
-P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
-(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move like the walkers of an ensemble, or to a draw of a
-proposal fitted to the resting particles, so the target needs no gradient. An external solver can be sampled, its failures are
-counted, and every tempering step is on disk before the next.
+P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching &
+Y.-C. Chen (2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move like the walkers of an ensemble, or to a
+draw from a proposal fitted to the resting particles, so the target needs no gradient. The target may run an external
+solver, whose failures are counted. Every tempering step is on disk before the next begins.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from structid.inference.target import Target
 MOST_STAGES = 200
 """Largest number of tempering steps before the run stops with an error."""
 EVALUATIONS = (1.4, 25.0)
-"""Evaluations per particle and tempering run for d parameters, the smaller of the first value times d² and the second times
-d; see `SMC.evaluations`. Posteriors of 5 to 36 parameters took half to twice as many."""
+"""Evaluations per particle in a tempering run with d parameters: the smaller of d² times the first value and d times
+the second; see `SMC.evaluations`. Posteriors of 5 to 36 parameters take half to twice as many."""
 NEGLIGIBLE = 1e-3
 """Mass of a lost mode, relative to the mass found, below which particles do not restart."""
 MORE_BY = 3.0
@@ -144,7 +144,7 @@ class SMC(Sampler):
     def in_words(self) -> str:
         """The settings in one line, for a report."""
         return (
-            f"tempered SMC, {self.ensembles} populations × {self.particles} particles, {self.steps} moves of the posterior, "
+            f"tempered SMC, {self.ensembles} populations × {self.particles} particles, {self.steps} moves at β = 1, "
             f"{self.independent:.0%} independence moves, {self.differential_evolution:.0%} of the others differential evolution"
         )
 
@@ -172,7 +172,7 @@ class SMC(Sampler):
         """Refuse starting points, and too few particles."""
         if start is not None:
             raise InputError(
-                "sample(start)", "starting points for SMC", "no starting points: its particles start from the prior"
+                "sample(start)", "starting points for SMC", "no starting points: SMC particles start from the prior"
             )
         if self.particles < 2 * target.dimension:
             raise InputError(
@@ -190,7 +190,7 @@ class SMC(Sampler):
         progress: Progress | None,
         again: bool = False,
     ) -> None:
-        """Append a block for each tempering step until β = 1; `again` for a second run from another reference."""
+        """Append a block for each tempering step until β = 1; `again` marks a second run from another reference."""
         temperings, _ = _divided(blocks)
         if len(temperings) <= again:
             population = starting_population(self, target, seed, int(again))
@@ -201,7 +201,7 @@ class SMC(Sampler):
             if number - first == MOST_STAGES:
                 raise ConvergenceError(
                     f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} tempering steps. Check "
-                    "the likelihood: it is finite almost nowhere, or far too narrow for these particles."
+                    "the likelihood: it is finite almost nowhere, or far too narrow for this number of particles."
                 )
             population, block = run_stage(self, target, population, stream(seed, Purpose.SMC_STAGE, number))
             self._append(block, blocks, keep)
@@ -275,7 +275,7 @@ def _evidence(stages: list[Block]) -> Evidence:
 
 
 def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
-    """The tempering run to use: the second if its evidence is larger, since lost mass is missing in the evidence."""
+    """The tempering run to use: the second if its evidence is larger, since lost mass is missing from the evidence."""
     evidences = [(stages, _evidence(stages)) for stages in temperings]
     first, last = evidences[0], evidences[-1]
     more, error = last[1] - first[1]
@@ -283,6 +283,6 @@ def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
-    """The blocks of the tempering steps, and the blocks of later moves that a run of this many steps completes."""
+    """The blocks of the tempering steps and of the later moves, without a last block that a shorter run truncated."""
     temperings, moves = _divided(blocks)
     return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))

@@ -34,7 +34,7 @@ class PopulationSettings(Protocol):
 
     @property
     def correlation(self) -> float:
-        """Particles move in a step until their correlation with their start is at most this."""
+        """Correlation of the particles with their start below which the moves of a step may end."""
 
     @property
     def least_moves(self) -> int:
@@ -94,14 +94,14 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int,
     prior, likelihood, _ = _evaluated(target, phi)
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(
-            f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a likelihood. Check the priors: most of "
-            "their range cannot be simulated."
+            f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a finite "
+            "log-likelihood. Check the priors: most of their range cannot be simulated."
         )
     return Population(phi.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape), 0.0)
 
 
 def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log prior, log-likelihood and failure; a log-likelihood too large for float64 arithmetic becomes `LEAST_LIKELIHOOD`."""
+    """Log prior, log-likelihood and failure; a finite log-likelihood below `LEAST_LIKELIHOOD` is raised to it."""
     prior, likelihood, failed = target.evaluate_parts(phi)
     return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
 
@@ -135,7 +135,7 @@ def run_stage(
 
 
 def _at_rest(passed: list[np.ndarray]) -> bool:
-    """Whether the mean log-likelihood has been constant, within two errors, over the later half of the moves so far."""
+    """Whether the mean log-likelihood is constant, within two standard errors, over the later half of the moves."""
     change = passed[-1] - passed[len(passed) // 2]
     return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
 
@@ -179,7 +179,7 @@ def move(
 
 
 def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
-    """Largest exponent whose weights leave a fraction of the particles effective, ESS = (Σw)²/Σw²."""
+    """Largest exponent whose weights leave the given fraction of the particles effective, ESS = (Σw)²/Σw²."""
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
     with np.errstate(over="ignore"):
         below_best = likelihood - likelihood.max(axis=1, keepdims=True)
@@ -203,7 +203,7 @@ def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: 
 
 
 def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rows drawn with given probabilities, each as often as expected up to rounding."""
+    """Draw rows by systematic resampling: each as often as its weight requires, up to rounding."""
     places = (rng.random() + np.arange(len(weights))) / len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
 

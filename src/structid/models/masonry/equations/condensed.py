@@ -68,7 +68,8 @@ class Condensed:
     def jump_rows(self) -> np.ndarray:
         """Matrix V, shape (jump, mode): opening and slip of every joint in turn, then elongations of the short bars.
 
-        Elongations are grouped in pairs like the jumps of a joint; a row of zeros completes an odd number.
+        Elongations are grouped in pairs, like the jumps of a joint; a row of zeros completes the last pair if
+        necessary.
         """
         a = self.assembly
         rows = np.concatenate([a.jumps, a.elongations[a.short_bars]]) @ self.shapes
@@ -87,7 +88,7 @@ class Condensed:
 
     @cached_property
     def pattern(self) -> BlockPattern:
-        """Pairs of jumps that share a block."""
+        """Sparsity pattern of F: two pairs of jumps are coupled if they share a block."""
         touching = np.abs(self.jump_rows).reshape(len(self.jump_rows) // 2, 2, -1).max(axis=1) > 0.0
         return BlockPattern.of((touching.astype(int) @ touching.T.astype(int)) > 0)
 

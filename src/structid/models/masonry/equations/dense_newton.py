@@ -22,7 +22,7 @@ from structid.models.masonry.finite_elements.assembly import Assembly
 TOLERANCE = 1e-10
 """Largest ratio of ‖r‖ to ‖p − M ι a_g‖ in a converged step."""
 ITERATIONS = 30
-"""Number of Newton iterations of a step before the step is divided."""
+"""Number of Newton iterations without convergence after which a step is divided."""
 LARGEST_CUT = 64
 """Largest number of substeps into which a step is divided."""
 
@@ -37,7 +37,7 @@ class Forces:
 
 
 class WallMatrices(NamedTuple):
-    """Mass, stiffness of the blocks, jumps, elongations, and the stiffness of blocks and bars together."""
+    """Matrices of a wall: mass, block stiffness, jumps, elongations, and the total stiffness of blocks and bars."""
 
     mass: Any
     blocks: Any
@@ -62,7 +62,7 @@ class DenseWall:
     def remembered(
         self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
     ) -> Float[np.ndarray, "memory joint"]:
-        """Return the memory of the joints after a displacement."""
+        """Return the memory of the joints after the wall is displaced to `u`."""
         delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
@@ -140,7 +140,7 @@ class DenseWall:
 
 @dataclass(frozen=True, eq=False)
 class WallMotion:
-    """State of a wall at an instant, relative to the base."""
+    """State of motion of a wall at an instant, relative to the base."""
 
     u: Float[np.ndarray, " dof"]  # displacement [m]
     v: Float[np.ndarray, " dof"]  # velocity [m/s]

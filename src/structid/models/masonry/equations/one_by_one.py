@@ -50,7 +50,7 @@ def runs_one_by_one(
 def recorded(
     condensed: Condensed, wall: DenseWall, history: DenseHistory, channels: tuple[str, ...], dt: float, ratio: float
 ) -> Float[np.ndarray, "time channel"]:
-    """Compute the channels of a history for all instants at once; each instant takes the place of a run."""
+    """Compute the channels of a history for all instants at once, with the instants along the run axis."""
     modal = condensed.shapes.T @ wall.matrices.mass
     q, rate, acceleration = (modal @ series.T for series in (history.u, history.v, history.a))
     jumps, jump_rate = condensed.jump_rows @ q, condensed.jump_rows @ rate

@@ -1,14 +1,15 @@
-"""A wall under a rigid beam that moves slowly: the forces of the wall on the beam, without inertia.
+"""Forces of a wall on a slowly moving rigid beam on its top, without inertia.
 
-The blocks under the beam move with it. q are the modes of the blocks with the beam at rest. J d are the jumps caused by the motion
-d of the beam without other motions. Equilibrium is
+The blocks under the beam move with it. q are the modal displacements of the blocks with the beam at rest. J d are the
+jumps if the beam moves by d and q = 0. Equilibrium is
 
 Λ q + Vᵀ f(δ) = 0,    δ = V q + J d,    forces on the beam  r = Jᵀ f(δ).
 
-Blocks held only by joints have modes with λ = 0. Therefore q is found by proximal steps: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0, which
-gives q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the previous q₀. With the smallest ε, the relative error of equilibrium is ε
-divided by the squared frequency of a block on its joints. While a crack propagates, no equilibrium is nearby. Steps with a larger
-ε then follow, as if the blocks moved in a viscous fluid, until the smallest ε converges again.
+Blocks held only by joints have modes with λ = 0. Proximal steps therefore determine q: Λ q + Vᵀ f(δ) + ε (q − q₀) = 0,
+which gives q = W (ε q₀ − Vᵀ f) with W = 1/(λ + ε) and the previous q₀. With the smallest ε, the relative error of
+equilibrium is ε divided by the squared frequency of a block on its joints. While a crack propagates, there is no
+equilibrium near the current state. Steps with a larger ε then damp the motion, like a viscous fluid, until the smallest
+ε converges again.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
 from structid.models.masonry.finite_elements.mesh import Mesh
 
 PROXIMAL = np.array([1e2, 1e4, 1e5, 1e6, 1e7, 1e8])
-"""ε [1/s²]. The squared frequency of a block on its joints is at least 10⁵. A smaller first ε would amplify rounding errors."""
+"""Values of ε [1/s²]. A block on its joints has a squared circular frequency of at least 10⁵. A smaller first ε would
+amplify rounding errors."""
 STEPS = 120
-"""Largest number of proximal steps of a move."""
+"""Largest number of proximal steps for one displacement of the beam."""
 BEAM = 3
 """Degrees of freedom of the beam: u_x, u_y [m], and the rotation θ [rad] about the middle of the wall's top."""
 LOADINGS = 8
-"""Newton iterations of the beam in a load step; the joints are in equilibrium in each iteration."""
+"""Number of Newton iterations for the position of the beam in a load step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ class BeamedWall:
 
     @cached_property
     def jumps_of_beam(self) -> np.ndarray:
-        """Matrix J, shape (jump, 3): jumps if only the blocks under the beam move with it."""
+        """Matrix J, shape (jump, 3): jumps per unit motion of the beam if only the blocks under the beam move."""
         assembly, moving = Assembly(self.mesh, self.masonry), self.mesh.blocks[self.mesh.top_blocks].ravel()
         places = np.array([assembly.dof(node, direction) for node in moving for direction in (0, 1)])
         return np.asarray(assembly.jumps[:, places] @ self.rigid(moving))
@@ -99,7 +101,7 @@ class StaticWall(RestoringForce):
     wall: BeamedWall = field(repr=False)
     law: CohesiveLaw  # parameters of the joints; floats, or arrays over runs
     runs: int = 1  # number of runs
-    farthest: float = 1e-4  # longest move made in one piece [m]
+    farthest: float = 1e-4  # largest displacement increment in one piece [m]
     compliances: list[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -124,7 +126,7 @@ class StaticWall(RestoringForce):
 
     @property
     def largest_move(self) -> float:
-        """Limit of a move, since friction and damage depend on the path; see `RestoringForce.largest_move`."""
+        """Largest increment, since friction and damage depend on the path; see `RestoringForce.largest_move`."""
         return self.farthest
 
     # --- inside JAX, for many runs ------------------------------------------------------------------------------
@@ -134,7 +136,7 @@ class StaticWall(RestoringForce):
         return jump_solver(self.wall.condensed, 0.0)
 
     def _at_level(self, values: Any, level: Any) -> Any:
-        """Return the value that belongs to each run's proximal step."""
+        """Select for each run the value that belongs to its current level of ε."""
         result = values[0]
         for number, value in enumerate(values[1:], start=1):
             result = jnp.where(level == number, value, result)
@@ -178,7 +180,7 @@ class StaticWall(RestoringForce):
     def _loaded(self, runs: int) -> Any:
         """Return the joint states under the vertical load. In each load step, Newton iterations determine the beam's position.
 
-        Load steps and iterations form one loop, so that its code is generated only once.
+        Load steps and iterations form a single loop, so that the code of its body is generated only once.
         """
         condensed = self.wall.condensed
         steps, load = self.wall.joint_law.load_steps, self.wall.load[:, None]
@@ -241,7 +243,7 @@ class StaticWall(RestoringForce):
             return jnp.where(after["stands"], force, jnp.nan), after
         force, after = jax.tree.map(np.asarray, self._compiled_move(memory, memory["rest"] + displacement[:, None]))
         if not after["stands"].all():
-            raise CollapseError(f"no equilibrium was found with the beam at {1e3 * displacement[0]:.2f} mm")
+            raise CollapseError(f"no equilibrium was found at a beam displacement of {1e3 * displacement[0]:.2f} mm")
         self._check_support(after["jumps"][:, 0])
         return force[:, 0], after
 
@@ -272,7 +274,7 @@ class StaticWall(RestoringForce):
 
 
 def _solved_for_three(matrix: Any, right: Any) -> Any:
-    """Solve A x = b, A (3, 3, run), b (3, run), by Cramer's rule, which has vector code, unlike a general solver."""
+    """Solve A x = b for shapes (3, 3, run) and (3, run) by Cramer's rule, which can be compiled to vector code."""
     a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
     across = _cross(b, c)
     volume = (a * across).sum(axis=0)

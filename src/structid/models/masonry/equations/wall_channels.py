@@ -27,7 +27,7 @@ CHANNELS = (
 )
 """Channels other than point displacements."""
 ADDED_UP = ("joint_energy", "damping_energy", "input_energy")
-"""Energies that are summed over all steps."""
+"""Energy channels that accumulate the work of every step."""
 _POINT = re.compile(r"u([xy])_(top_left|top_right|node_(\d+))")
 _GAUSS = np.array([-np.sqrt(0.6), 0.0, np.sqrt(0.6)]), np.array([5.0, 8.0, 5.0]) / 9.0
 
@@ -37,7 +37,7 @@ class Works(NamedTuple):
 
     joints: Any  # work of the joint forces on their jumps
     damping: Any  # work of the damping forces
-    base: Any  # work of the base on the wall
+    base: Any  # work of the base motion on the wall
 
 
 def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...
 
 
 def is_point(channel: str) -> bool:
-    """Whether a channel is the displacement of a point."""
+    """Whether a channel name is that of a point displacement."""
     return _POINT.fullmatch(channel) is not None
 
 
@@ -90,7 +90,7 @@ class WallChannels:
 
     @property
     def added_up(self) -> bool:
-        """Whether a channel is a sum over all steps."""
+        """Whether a recorded channel accumulates the work of every step."""
         return bool(set(ADDED_UP) & set(self.channels))
 
     @cached_property
@@ -103,15 +103,15 @@ class WallChannels:
         return SparseMatrix(np.array(rows))
 
     def nothing(self, runs: int) -> Works:
-        """Return the works before the first step."""
+        """Return the accumulated energies before the first step, which are zero."""
         return Works(*(jnp.zeros(runs) for _ in Works._fields))
 
     def added(self, works: Works, before: WallState, after: WallState, base: tuple[Any, Any]) -> Works:
-        """Add the works of a step.
+        """Add the work of a step to the accumulated energies.
 
-        The work of the joints is ∫ f dδ along the straight line between the two jumps, by three Gauss points. With average
-        acceleration the work of the damping forces is Δt vᵀ C v, with the mean velocity v. The work of the base is
-        −½ (a_g + a_g′) M ι Δu.
+        The work of the joint forces is ∫ f dδ along a straight line from the jumps before the step to those after it,
+        by three Gauss points. With average acceleration the work of the damping forces is Δt vᵀ C v, with the mean
+        velocity v. The work of the base motion is −½ (a_g + a_g′) ιᵀ M Δu.
         """
         c, count = self.condensed, 2 * self.condensed.joints
         move = (after.jumps - before.jumps)[:count]
@@ -140,13 +140,13 @@ class WallChannels:
         return jnp.stack(rows)
 
     def _lost(self, jumps: Any) -> Any:
-        """Return the lost fraction of each bed joint's support, shape (joint, run); 1 means complete loss."""
+        """Return the fraction of its support that each joint has lost, shape (joint, run); 1 means complete loss."""
         count, limits = 2 * self.condensed.joints, self.condensed.assembly.mesh.support
         opened, slid = jumps[0:count:2] / limits[:, :1], jnp.abs(jumps[1:count:2]) / limits[:, 1:]
         return jnp.maximum(opened, slid)
 
     def _weakest(self, jumps: Any) -> Any:
-        """Return the number of the joint with the largest lost fraction of support, shape (run,)."""
+        """Return the index of the joint that has lost the largest fraction of its support, shape (run,)."""
         lost = self._lost(jumps)
         numbers = jnp.arange(lost.shape[0], dtype=float)[:, None]
         return jnp.max(jnp.where(lost >= jnp.max(lost, axis=0), numbers, 0.0), axis=0)

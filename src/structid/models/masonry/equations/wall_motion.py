@@ -23,7 +23,7 @@ TOLERANCE = 1e-13
 
 
 class WallState(NamedTuple):
-    """State of a wall between two steps; shapes (mode, run) and (jump, run)."""
+    """State of a wall between two steps; modal arrays have shape (mode, run), jumps have shape (jump, run)."""
 
     q: Any  # modal displacements
     rate: Any  # modal velocities
@@ -54,7 +54,7 @@ class Unknown(NamedTuple):
 
 
 def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
-    """Return the state at rest, with the acceleration from equilibrium under the first acceleration of the base."""
+    """Return the state of the wall at rest, with its acceleration under the first acceleration of the base."""
     jumps = wall.jump_rows @ loaded.q
     still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
     pushed = jnp.broadcast_to(-wall.inertia[:, None] * base, loaded.q.shape)
@@ -63,7 +63,7 @@ def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
 
 
 def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
-    """Return the step function of average acceleration."""
+    """Return the function that takes one step of the average acceleration method."""
     squares, two = wall.squares[:, None], 2.0 / dt
     own_damping = loaded.a_0 + loaded.a_1 * squares  # damping of a block mode, a₀ + a₁ λ
     weights = 1.0 / (two**2 + two * own_damping + squares)
@@ -102,9 +102,9 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
 
 
 def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tuple[Any, Any, Any]]:
-    """Return the solver of δ = δ_free − F g(δ), with its forces and the runs that have not converged.
+    """Return a function that solves δ = δ_free − F g(δ); it returns δ, g and a mask of the runs without convergence.
 
-    Derivatives follow from the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
+    Derivatives follow from the implicit function theorem: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
     """
 
     def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:

@@ -1,7 +1,7 @@
 """Matrices of a wall: mass, stiffness of its blocks, jumps of its joints, elongations of its bars, loads.
 
-Forces of joints and bars are computed from jumps and elongations. With the product K u, the short bars of 10¹¹ N/m would leave a
-rounding error in the residual that iterations cannot remove.
+Forces of joints and bars are computed from jumps and elongations. In a product K u, the short bars of 10¹¹ N/m would
+leave a rounding error in the residual that iterations cannot remove.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Masonry:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Matrices for the free degrees of freedom."""
+    """Matrices of a wall for its free degrees of freedom."""
 
     mesh: Mesh = field(repr=False)
     masonry: Masonry  # Materials and loads
@@ -98,7 +98,7 @@ class Assembly:
 
     @cached_property
     def sparse_jumps(self) -> scipy.sparse.csr_array:
-        """Rows for the opening and slip (Δ_n, Δ_t) of each joint in turn, shape (2 joint, dof)."""
+        """Matrix that gives the opening and slip (Δ_n, Δ_t) of each joint in turn, shape (2 joint, dof)."""
         rows, columns, values = [], [], []
         for number, joint in enumerate(self.mesh.joints):
             n_x, n_y = joint.normal
@@ -114,7 +114,7 @@ class Assembly:
 
     @cached_property
     def jumps(self) -> np.ndarray:
-        """Jump rows as a dense array, shape (2 joint, dof)."""
+        """Matrix of the jumps as a dense array, shape (2 joint, dof)."""
         return np.asarray(self.sparse_jumps.toarray())
 
     @cached_property
@@ -124,7 +124,7 @@ class Assembly:
 
     @cached_property
     def sparse_elongations(self) -> scipy.sparse.csr_array:
-        """Rows for the elongation of every bar, shape (bar, dof). All bars are horizontal."""
+        """Matrix that gives the elongation of every bar, shape (bar, dof). All bars are horizontal."""
         rows = np.repeat(np.arange(len(self.mesh.bars)), 2)
         return self._columns(
             rows, 2 * self.mesh.bars.ravel(), np.tile([-1.0, 1.0], len(self.mesh.bars)), len(self.mesh.bars)
@@ -132,7 +132,7 @@ class Assembly:
 
     @cached_property
     def elongations(self) -> np.ndarray:
-        """Elongation rows as a dense array, shape (bar, dof)."""
+        """Matrix of the elongations as a dense array, shape (bar, dof)."""
         return np.asarray(self.sparse_elongations.toarray())
 
     @cached_property
@@ -150,7 +150,7 @@ class Assembly:
 
     @cached_property
     def horizontal(self) -> np.ndarray:
-        """Influence vector ι of horizontal base motion: one for every horizontal degree of freedom, shape (dof,)."""
+        """Influence vector ι of horizontal base motion, shape (dof,): 1 for horizontal degrees of freedom, else 0."""
         return np.asarray((self.mesh.free % 2 == 0).astype(np.float64))
 
     @cached_property
@@ -163,7 +163,7 @@ class Assembly:
         return int(np.searchsorted(self.mesh.free, 2 * node + direction))
 
     def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
-        """Return the nodes of the beam with their tributary fractions; each end of a block gets half of its fraction."""
+        """Return the nodes of the beam with their tributary fractions; each end of a block gets half of the block's."""
         mesh, shares = self.mesh, []
         standing = [(mesh.nodes[b[0], 0], mesh.nodes[b[1], 0]) for b in mesh.blocks if mesh.nodes[b[0], 1] == 0.0]
         for block in mesh.top_blocks:
@@ -176,7 +176,7 @@ class Assembly:
         return [(node, share / total) for node, share in shares]
 
     def _of_blocks(self, of_one: Callable[[np.ndarray], np.ndarray]) -> scipy.sparse.csr_array:
-        """Assemble the matrices of the blocks over all degrees of freedom."""
+        """Assemble a matrix over all degrees of freedom from the matrices of the blocks."""
         dofs = np.stack([2 * self.mesh.blocks, 2 * self.mesh.blocks + 1], axis=-1).reshape(len(self.mesh.blocks), 8)
         values = np.array([of_one(self.mesh.nodes[nodes]) for nodes in self.mesh.blocks])
         places = np.repeat(dofs, 8, axis=1).ravel(), np.tile(dofs, (1, 8)).ravel()

@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 
 TOLERANCE = 1e-9
-"""Tolerance below which two lengths [m] are equal."""
+"""Difference [m] below which two lengths count as equal."""
 
 
 @check_arguments
@@ -143,7 +143,7 @@ class Wall:
             raise InputError("Wall.openings", f"{opening}", "an opening with a positive width and height")
         inside = opening.left >= 0.0 and opening.right <= self.width and opening.bottom >= 0.0
         if not (inside and opening.top <= self.height) or opening.width >= self.width - TOLERANCE:
-            cure = f"Move it into the wall, which is {self.width:g} m wide and {self.height:g} m high."
+            cure = f"Move the opening into the wall, which is {self.width:g} m wide and {self.height:g} m high."
             raise InputError("Wall.openings", f"{opening} does not fit", "openings inside the wall", cure)
         for other in others:
             beside_each_other = opening.right <= other.left + TOLERANCE or other.right <= opening.left + TOLERANCE
@@ -153,7 +153,7 @@ class Wall:
 
     @property
     def zones(self) -> list[tuple[float, float]]:
-        """Bottom and top [m] of the zones between sills and lintels, from the bottom up."""
+        """Bottom and top [m] of every zone between sills and lintels, in ascending order."""
         return list(pairwise(_distinct([0.0, self.height, *(y for o in self.openings for y in (o.bottom, o.top))])))
 
     @property
@@ -198,14 +198,14 @@ class Wall:
                 raise InputError(
                     "Wall.course_height",
                     f"{self.course_height:g} m does not fit: the zone from {bottom:g} to {top:g} m would have {count:.2f} courses",
-                    "a height that divides every zone between sills and lintels",
+                    "a course height that divides the height of every zone between sills and lintels",
                     "Change the height, or give the courses of each zone: Wall(courses=((4, 3), 2)).",
                 )
             return [round(count)] * bays
         given = self.courses[zone]
         numbers = [given] * bays if isinstance(given, (int, np.integer)) else list(np.atleast_1d(given))
         if len(numbers) != bays or any(not isinstance(n, (int, np.integer)) or n < 1 for n in numbers):
-            allowed = f"one whole number from 1, or one for each of the {bays} bays from {bottom:g} to {top:g} m"
+            allowed = f"a whole number from 1, or one for each of the {bays} bays between {bottom:g} and {top:g} m"
             raise InputError("Wall.courses", f"{given!r} in zone {zone + 1}", allowed)
         return [int(n) for n in numbers]
 

@@ -13,11 +13,11 @@ from structid.core.errors import InputError, check_choice
 from structid.models.masonry.finite_elements.layout import TOLERANCE, Block, Wall
 
 SHORT_BAR = 0.02
-"""Length [m] for the stiffness of a bar between two nodes at the same point."""
+"""Length [m] from which the stiffness E A / L of a bar between two coincident nodes is computed."""
 
 
 class Joint(NamedTuple):
-    """A point at which the faces of two blocks touch."""
+    """A joint: a point at which the faces of two blocks touch."""
 
     # End nodes of the face of the lower or left block; −1 is the ground
     lower: tuple[int, int]
@@ -52,8 +52,8 @@ class Mesh:
     def support(self) -> np.ndarray:
         """Opening and slip [m] at which each joint loses its support, shape (joint, 2).
 
-        A bed joint loses its support if it slides by half its length or opens by half the height of the block above. A joint
-        between neighbours in a course supports nothing, so its limits are infinite.
+        A bed joint loses its support if it slides by half its length or opens by half the height of the block above. A
+        head joint, between neighbours in a course, supports nothing, so its limits are infinite.
         """
         support = np.full((len(self.joints), 2), np.inf)
         for number, joint in enumerate(self.joints):
@@ -98,7 +98,7 @@ def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) ->
 
 
 def _joints(blocks: list[Block], numbers: np.ndarray, thickness: float, points: str, base_joint: bool) -> list[Joint]:
-    """Return the joints: two on every line on which two blocks touch."""
+    """Return the joints: two on every line along which two blocks touch."""
     joints: list[Joint] = []
     for i, one in enumerate(blocks):
         if base_joint and one.bottom < TOLERANCE:

@@ -78,7 +78,8 @@ def _asked(certificate: Certificate) -> list[list[str]]:
     """Rows of the quantities that a certificate limits."""
     limits, variation = certificate.limits, certificate.variation
     of_weights = [
-        f"variation χ of the weights, with {100 * variation.confidence:.3g} % confidence (attempt {certificate.look})",
+        f"coefficient of variation χ of the weights, with {100 * variation.confidence:.3g} % confidence "
+        f"(attempt {certificate.look})",
         f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
         f"{limits.mean:.2g} or less",
     ]
@@ -95,7 +96,8 @@ def _asked(certificate: Certificate) -> list[list[str]]:
     return [
         *rows,
         [
-            f"log density missed at {certificate.within_reach} model runs within {limits.reach:g} nats of the best run",
+            f"largest underestimate of the log density at the {certificate.within_reach} model runs within {limits.reach:g} "
+            "nats of the best run",
             f"{max(certificate.excess, 0.0):.2f} nats",
             f"{limits.excess:g} nats or less",
         ],
@@ -152,7 +154,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
         )
         return Picture(
             "rounds",
-            "Each point is a draw of a surrogate's posterior at which the model was run. The ordinate is the log density of the "
+            "Each point is a draw from a surrogate's posterior at which the model was run. The ordinate is the log density of the "
             "model minus that of the surrogate, relative to the median of the round. If the two posteriors are equal, all points "
             "lie at zero. The band shows the largest standard deviation that a certificate allows. In rounds without points, the "
             "surrogate was not yet accurate enough to draw from its posterior.",

@@ -33,15 +33,15 @@ def _correction(certificate: Certificate) -> list[Table]:
         for name, mean, error, sd, correlations in moments
     ]
     title = (
-        "The density fitted to the model runs, relative to the density of the draws. The two differ in "
-        f"{100.0 * density.distance:.1f} % of the probability, and the bounds above allow for this"
+        "The density fitted to the model runs, relative to the density of the draws. Their total variation "
+        f"distance is {100.0 * density.distance:.1f} %, and the bounds above allow for it"
     )
     heads = ["", "difference of means [sd]", "difference of sds", "largest difference of a correlation"]
     return [Table(title, (heads, rows))]
 
 
 def _furthest(correlations: np.ndarray, names: tuple[str, ...]) -> str:
-    """Largest difference among the correlations of a parameter, and the other parameter of that correlation."""
+    """Largest difference of a correlation of one parameter, and the other parameter of that correlation."""
     other = int(np.argmax(np.abs(correlations)))
     return f"{correlations[other]:+.2f} with {pretty(names[other])}" if len(names) > 1 else ""
 

@@ -46,16 +46,14 @@ def _words(material: PosteriorMaterial) -> list[str]:
     words = [
         f"{result.passed.shape[0]} posterior draws for {count} record{'s' if count > 1 else ''}, {result.true_runs:,} model runs. "
         "The standard error includes the scatter over the records, the number of draws and, if a surrogate was used, its "
-        "correction. The band over the draws shows the uncertainty about the structure that the data leave, for these records."
+        "correction. For these records, the band over the draws shows the remaining uncertainty about the structure."
     ]
     median, dispersion = result.curve
     errors = result.curve_error
     if np.isfinite(median):
         fitted = f"The fitted curve Φ(ln(a/θ)/β) has θ = {median:.3g} m/s² and β = {dispersion:.2f}"
         if np.isfinite(errors[0]):
-            fitted += (
-                f", with standard errors of {errors[0]:.0%} and {errors[1]:.2f} by resampling the records and draws"
-            )
+            fitted += f", with standard errors of {errors[0]:.0%} and {errors[1]:.2f} from resampling of the records and draws"
         words.append(fitted + ".")
     return words
 

@@ -70,7 +70,7 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
-    """Table of the posterior in the study's coordinates, on which responses depend more simply than on the parameters."""
+    """Table of the posterior in the study's coordinates, which affect the responses more simply than the parameters."""
     space = material.posterior.space
     if not space.coordinates:
         return []

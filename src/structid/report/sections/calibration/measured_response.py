@@ -89,8 +89,8 @@ def _band(predicted: _PredictedObservation, column: int) -> Picture:
     return Picture(
         name,
         f"Measured {channel} for {observation.record.name}, and its posterior prediction. The dark band shows the effect of the "
-        "parameter uncertainty only. The light band also includes the discrepancy, and is expected to contain 90 % of a "
-        "measurement.",
+        "parameter uncertainty only. The light band also includes the error model, and should contain about 90 % of the "
+        "measured values.",
         predicted.band.draw(column, unit, ("measured", observation.values[:, column])),
     )
 
@@ -110,7 +110,9 @@ def _loops(predicted: _PredictedLoops, number: int) -> Picture:
         "cycles, from early to late; thin lines are posterior draws."
     )
     caption += (
-        "" if truth is None else " The loops of the virtual experiment are the truth; the calibration did not use them."
+        ""
+        if truth is None
+        else " The loops of the virtual experiment are the true ones; the calibration did not use them."
     )
     return Picture(predicted.name("loops", spring), caption, figure)
 

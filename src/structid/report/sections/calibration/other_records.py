@@ -38,8 +38,8 @@ def _words(material: PosteriorMaterial) -> list[str]:
     if not material.other_records:
         return []
     words = [
-        "The peak is that of the structure: it includes the model error, but not the instrument noise. The inner band shows the "
-        "model response only. The outer band shows the expected reading of an instrument."
+        "The predicted peak is the peak of the structure: it includes the model error, but not the instrument noise. The inner "
+        "band shows the model response only. The outer band shows the expected reading of an instrument."
     ]
     draws = predicted_records(material)[0].band.draws
     if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
@@ -48,7 +48,8 @@ def _words(material: PosteriorMaterial) -> list[str]:
     return [
         *words,
         f"For the measured record, the measured peak is {', '.join(ratios)} times the predicted peak. One record cannot show "
-        "whether other peaks have the same error. The bands of the peaks therefore range from no such error to the full error.",
+        "whether other peaks have the same error. The bands of the peaks therefore cover the range from no such error to the full "
+        "error.",
     ]
 
 

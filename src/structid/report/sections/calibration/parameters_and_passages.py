@@ -17,7 +17,7 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 from structid.report.tables import in_display_unit
 
 POOR = 0.1
-"""Unexplained fraction of the variance above which the indices of an expansion are doubtful."""
+"""Unexplained fraction of the variance above which the sensitivity indices of an expansion are unreliable."""
 
 
 def _limit(study: ParameterStudy, number: int) -> str:
@@ -26,7 +26,7 @@ def _limit(study: ParameterStudy, number: int) -> str:
 
 
 def _above(study: ParameterStudy) -> str:
-    """The separately studied part of the prior range, as text."""
+    """The separately studied part of the prior range, as a string."""
     units = study.runs.design.space.units
     return " and ".join(
         f"{pretty(n)} above {value / factor(units[n]):g} {pretty_unit(units[n])}".strip()
@@ -67,7 +67,7 @@ def _probabilities(study: ParameterStudy) -> Rows:
     rows = []
     for number, result in enumerate(study.probabilities):
         if result is None:
-            rows.append([_limit(study, number), "–", "too few runs of one kind", "", "", ""])
+            rows.append([_limit(study, number), "–", "too few runs with or without a passage", "", "", ""])
         else:
             rows.append(
                 [
@@ -112,7 +112,7 @@ def _tables(material: RunsMaterial) -> list[Table]:
     tables = [
         Table("First passages", _shares(study)),
         Table(
-            "Concordance: probability that, of two runs, the run with the larger value passes later (0.5: no relation)",
+            "Concordance: probability that, of two runs, the run with the larger value passes the limit later (0.5: no relation)",
             _concordances(study),
         ),
         Table("Probability of a passage by logistic regression: cross-validated accuracy", _probabilities(study)),
@@ -197,7 +197,10 @@ def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
     name = f"passages_{number + 1}_times{'_of_a_part' if filtered else ''}"
     figure = figures.times(points, space.names, units, result.time[rows], float(result.followed.max()))
     which = f" of the runs with {_above(study)}" if filtered else ""
-    caption = f"First passage of {_limit(study, number)}{which} over each parameter. Runs without a passage are above the line."
+    caption = (
+        f"First-passage times of {_limit(study, number)}{which} against each parameter. "
+        "Runs without a passage are above the line."
+    )
     return Picture(name, caption, figure)
 
 
@@ -205,7 +208,7 @@ def _pairs(study: ParameterStudy, number: int) -> Picture:
     result, space = study.passages[number], study.runs.design.space
     points, name = np.asarray(result.design.values) / space.factors, f"passages_{number + 1}_pairs"
     figure = figures.pairs(points, space.names, tuple(space.units.values()), result.time)
-    return Picture(name, f"First passage of {_limit(study, number)} over pairs of parameters.", figure)
+    return Picture(name, f"First-passage times of {_limit(study, number)} over pairs of parameters.", figure)
 
 
 def _map(study: ParameterStudy, number: int, probability: PassageProbability) -> Picture:
@@ -232,8 +235,8 @@ def _map(study: ParameterStudy, number: int, probability: PassageProbability) ->
     )
     caption = (
         f"Probability of a passage of {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} "
-        f"that best separate the passages; the other {'coordinates' if space.coordinates else 'parameters'} are at their medians. "
-        "Right: mean probability and observed fraction of passages, in forty groups of runs along the first axis."
+        f"that best separate runs with and without a passage; the other {'coordinates' if space.coordinates else 'parameters'} are "
+        "at their medians. Right: mean probability and observed fraction of passages, in forty groups of runs along the first axis."
     )
     return Picture(name, caption, figure)
 

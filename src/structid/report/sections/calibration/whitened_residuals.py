@@ -31,7 +31,7 @@ def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
     return Picture(
         name,
         f"Whitened residuals of {residual.channel} for {residual.record} at the MAP estimate. If the model and the error model are "
-        "right, they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
+        "right, these residuals are independent standard normals: no autocorrelation, a flat spectrum, quantiles on the line. "
         f"{_judged(residual)}.",
         figure,
     )
@@ -40,14 +40,17 @@ def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
 def _judged(residual: WhitenedResidual) -> str:
     """Sentence on what the residual implies for the error model."""
     if residual.correlated:
-        return "They are correlated: the error model does not describe them, and the standard deviations are too small"
+        return (
+            "The residuals are correlated: the error model does not describe them, and the posterior standard deviations "
+            "are too small"
+        )
     frequency, power = residual.peak
     if power > UNEVEN:
         return (
-            f"Their correlations are small, but around {frequency:.2g} Hz they have {power:.2g} times the power of white noise: "
-            "the error model describes the errors only roughly"
+            f"The residuals are hardly correlated, but around {frequency:.2g} Hz they have {power:.2g} times the power of white "
+            "noise: the error model describes the errors only roughly"
         )
-    return "They give no evidence against the error model"
+    return "The residuals give no evidence against the error model"
 
 
 SECTION = Section("residuals", "Residuals", _drawings, nothing)

@@ -40,7 +40,7 @@ def _draw(material: ProgrammeMaterial) -> Picture:
     drawn = figure.tracking(plane, moves.time, by**2 * result.indicator, result.energy, unit)
     return Picture(
         "tracking",
-        f"Tracking of {channel.name} in test {name}: measured over target displacement, tracking indicator, energy error.",
+        f"Tracking of {channel.name} in test {name}: measured against target displacement, tracking indicator, energy error.",
         drawn,
     )
 

@@ -29,7 +29,7 @@ def _words(material: ProgrammeMaterial) -> list[str]:
         return []
     sentences = [
         "A filter estimated the parameters after every move. It assumes that the hysteretic model is right, the state is normal, "
-        "and the force noise is independent. The filter is a help during a test; it does not replace the posterior."
+        "and the force noise is independent. The filter helps during a test; it does not replace the posterior."
     ]
     overconfident = [row[0] for row in _beside(material) if row[-1] == "overconfident"]
     if overconfident:
@@ -41,7 +41,7 @@ def _words(material: ProgrammeMaterial) -> list[str]:
 
 
 def _beside(material: ProgrammeMaterial) -> list[list[str]]:
-    """Rows with the filter's estimate at the end of the test used for learning, and the posterior."""
+    """Rows that compare the filter's estimate at the end of the test used for learning with the posterior."""
     learnt = material.learnt
     if learnt is None or (online := material.programme.tests[learnt.from_test].online) is None:
         return []

@@ -9,7 +9,7 @@ from structid.report.material.programme_material import ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, nothing
 
 DISPLAYED = {"m": ("mm", 1e3, "kN", 1e-3), "rad": ("mrad", 1e3, "kN m", 1e-3)}
-"""Display unit and factor of a displacement, and of its force, by the unit of the channel."""
+"""For each SI unit of a displacement channel: display unit and factor of the displacement, and of the force."""
 
 
 def _draw(material: ProgrammeMaterial, channel: int) -> Picture:

@@ -71,5 +71,5 @@ class Experiments:
 
 
 def input_signals(stages: Float[Array, "time 1 3 *motion"]) -> Float[Array, "time input"]:
-    """Return the samples of an excitation, including its lead-in, from integration stages with one step per sample."""
+    """Return the samples of an excitation and its lead-in, from its values at the stages of the integrator."""
     return stages[:, 0, 0].reshape(stages.shape[0], -1)

@@ -39,7 +39,7 @@ def structure_of(
     memories: Sequence[Memory | str],
     signals: NARXSignals,
 ) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
-    """Return the given or default terms of each output and memories."""
+    """Return the given or default terms of each output, and the memories."""
     if given is None:
         if memories:
             raise InputError(

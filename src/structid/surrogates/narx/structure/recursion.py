@@ -183,7 +183,7 @@ class Recursion:
     def one_step_loop(
         self, coefficients: Float[Array, "coefficient run"], signals: Float[Array, "_ _ run"]
     ) -> TimeLoop:
-        """Return a loop over the terms along measured outputs, for regression, since one-step outputs are linear in the terms."""
+        """Return a loop that evaluates the terms on measured outputs, for the regression of one-step outputs."""
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             row, time = at
@@ -221,5 +221,5 @@ def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:
 
 
 def _bounded(value: Any, bound: float) -> Any:
-    """Clip a value to ± a bound; NaN becomes the bound. In XLA this takes a third of the time of its clip function."""
+    """Clip a value to ± a bound; NaN becomes the bound. In XLA this takes a third of the time of the clip function."""
     return jnp.where(value < bound, jnp.where(value > -bound, value, -bound), bound)

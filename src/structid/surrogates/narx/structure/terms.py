@@ -1,4 +1,4 @@
-"""Text form of NARX terms: readable products of past inputs, outputs and memories.
+"""NARX terms as strings: readable products of past inputs, outputs and memories.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -42,7 +42,7 @@ class Term:
     Raises
     ------
     InputError
-        If the text contains anything else.
+        If the string contains anything else.
 
     Examples
     --------
@@ -159,7 +159,7 @@ class Memory:
 
     @classmethod
     def parse(cls, text: str) -> Memory:
-        """Read a text such as ``z = hysteresis(y)``.
+        """Read a string such as ``z = hysteresis(y)``.
 
         Parameters
         ----------
@@ -174,11 +174,11 @@ class Memory:
         Raises
         ------
         InputError
-            If the text does not have this form.
+            If the string does not have the form ``name = kind(source)``.
         """
         match = _MEMORY.match(text)
         if match is None:
-            raise InputError("memory", f"'{text}'", "a text such as 'u = integral(y)' or 'z = hysteresis(u)'")
+            raise InputError("memory", f"'{text}'", "a string such as 'u = integral(y)' or 'z = hysteresis(u)'")
         return cls(match[1], match[2], match[3])
 
     @property

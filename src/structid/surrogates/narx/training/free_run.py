@@ -67,7 +67,7 @@ class FreeRun:
         return sums
 
     def _regression(self, rows: Any, signals: Any) -> list[tuple[Any, Any]]:
-        """Return ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output; Φ has the terms along the measured outputs."""
+        """Return ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output; Φ contains the terms on the measured outputs."""
         recursion = self.recursion
         ends = np.cumsum([len(of_output) for of_output in recursion.terms])
         each = [_products(rows, len(of_output)) for of_output in recursion.terms]
@@ -148,12 +148,12 @@ def _symmetric(pairs: np.ndarray) -> np.ndarray:
 
 
 def _runs_first(sums: np.ndarray) -> np.ndarray:
-    """Return sums (run, …, number) from sums (number, …, run)."""
+    """Exchange the first and last axes of sums: (number, …, run) becomes (run, …, number)."""
     return np.moveaxis(sums, (0, -1), (-1, 0))
 
 
 def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Divide normal equations by Σ(y − ȳ)²; set non-finite or too large equations to zero."""
+    """Divide normal equations by Σ(y − ȳ)²; set equations to zero if they are not finite or are too large."""
     good = np.isfinite(square).all(axis=(2, 3)) & np.isfinite(inner).all(axis=2) & (np.abs(square).max((2, 3)) < 1e14)
     with np.errstate(invalid="ignore"):
         square = np.where(good[:, :, None, None], square / spread[:, :, None, None], 0.0)

@@ -1,4 +1,4 @@
-"""One-step regression of NARX coefficients, in which one-step outputs are linear.
+"""One-step regression of NARX coefficients; one-step outputs are linear in the coefficients.
 
 "The thesis" is the MSc thesis in docs/bibliography.md.
 """
@@ -19,7 +19,7 @@ FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
 """Initial values of the hysteresis shape b, relative to the magnitude of the source signal; g starts from zero."""
 
 RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
-"""Ridges that are tried in the joint regression."""
+"""Ridge parameters to try in the joint regression."""
 
 TRIED_RUNS = 100
 """Largest number of runs on which initial coefficients and sets of terms are compared."""

@@ -21,7 +21,7 @@ from structid.surrogates.narx.training.one_step_regression import (
 from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
 
 MOST_CANDIDATES = 60
-"""Largest number of sets of terms for comparison by free runs."""
+"""Largest number of sets of terms that are compared by free runs."""
 
 
 def select_terms(

@@ -37,7 +37,7 @@ class TrainingSet:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """Σ (y − ȳ)² of every run and output, shape (run, output), the reference of errors (thesis eq. 2.65)."""
+        """Σ (y − ȳ)² of every run and output, shape (run, output): the denominator of the errors (thesis eq. 2.65)."""
         count = self.counted.sum(axis=1)[:, None]
         y = np.where(self.counted[:, :, None], self.y, 0.0)
         square = np.sum(y**2, axis=1) - np.sum(y, axis=1) ** 2 / count
@@ -45,7 +45,7 @@ class TrainingSet:
 
     @cached_property
     def signals(self) -> Signals:
-        """All signals of a run in one array, (time + 1, input and output and 1), for `Recursion.free_loop`.
+        """All signals in one array, shape (run, time + 1, inputs + outputs + 1), for `Recursion.free_loop`.
 
         The last column marks the used samples. The last row is not used; it is for the step beyond the record.
         """
