@@ -56,12 +56,13 @@ def parsed_address(address: str) -> tuple[str, int]:
 
 @dataclass
 class _Session:
-    """One session: connection, key, number of the last request, and whether the specimen has moved in it."""
+    """One session: connection, key, last request, whether the specimen has moved in it, and whether it is still reserved."""
 
     connection: socket.socket
     key: bytes
     last: int = 0
     moved: bool = False
+    reserved: bool = True
 
 
 @contextlib.contextmanager
@@ -195,7 +196,13 @@ class SpecimenServer:
                     self.specimen.hold(str(error))
             finally:
                 if session is not None:
-                    self._busy.release()
+                    self._release(session)
+
+    def _release(self, session: _Session) -> None:
+        """Let the next session use the specimen."""
+        if session.reserved:
+            session.reserved = False
+            self._busy.release()
 
     def _greeted(self, connection: socket.socket) -> _Session | None:
         """Answer a HELLO; return None after a refusal. The specimen is reserved for this session until it ends."""
@@ -235,6 +242,8 @@ class SpecimenServer:
                 )
             session.last = frame.sequence
             answer = self._answer(session, frame)
+            if answer.kind in (Kind.CLOSED, Kind.REFUSED):
+                self._release(session)  # before the answer, so that the client's next test finds the specimen free
             send(session.connection, answer._replace(sequence=frame.sequence), session.key, self.watchdog)
             if answer.kind in (Kind.CLOSED, Kind.REFUSED):
                 return
