@@ -169,10 +169,10 @@ differs by more than three.
 
 Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each injected at twenty random times during a test: client
 killed, specimen killed, specimen suspended and resumed, answer not finite, cable unplugged, answer late, disk full. In all 140
-cases no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000 random
-or altered frames, signed moves with one altered byte (every seventh byte, thirty at random), and 200 open connections that
-announce megabytes are all refused. The server keeps running, and its memory grows by less than 50 MB. Results of a specimen behind
-a socket are bit-identical to those of a specimen in the same process.
+cases no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. The server
+refuses all of the following: 1000 random or altered frames, signed moves with one altered byte (every seventh byte in turn, and
+thirty bytes at random), and 200 open connections that announce megabytes. The server keeps running, and its memory grows by less
+than 50 MB. Results of a specimen behind a socket are bit-identical to those of a specimen in the same process.
 """
     common.write_page(quick, NAME, text)
     print(text)

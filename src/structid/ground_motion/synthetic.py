@@ -88,8 +88,8 @@ def stochastic_acceleration(
     if seed < 0 or samples < 2 or not min(dt, arias, duration, middle, frequency) > 0 or not 0 < damping_ratio < 1:
         raise InputError(
             "synthetic record",
-            f"seed {seed}, {samples} samples at {dt:g} s, arias {arias:g}, duration {duration:g}, middle {middle:g}, "
-            f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
+            f"seed {seed}, {samples} samples at {dt:g} s, Arias intensity {arias:g} m/s, duration {duration:g} s, "
+            f"middle of the shaking at {middle:g} s, frequency {frequency:g} Hz, bandwidth {damping_ratio:g}",
             "a seed of 0 or more, other numbers positive, and a bandwidth between 0 and 1",
         )
     rng = stream(seed, Purpose.RECORD)

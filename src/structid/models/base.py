@@ -143,7 +143,7 @@ class Model(ABC):
 
     @property
     def can_drift(self) -> bool:
-        """Whether the parameters may change during the response: true for a loop over time that replaces no other model."""
+        """Whether the parameters may change during the response: true for a model that steps through time and is no surrogate."""
         return False
 
     @property

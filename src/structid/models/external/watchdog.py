@@ -87,7 +87,7 @@ class _Kept:
 
 
 class Watchdog:
-    """Owner of one keeper, which starts at the first call."""
+    """Owner of one background process, the keeper, which starts at the first call."""
 
     def __init__(self) -> None:
         self._kept: _Kept | None = None

@@ -168,14 +168,15 @@ class BoucWen(TraceableModel):
                 raise InputError(
                     f"BoucWen.{name}",
                     "the parameter has no value and is not free",
-                    f"a number{f' in {PARAMETER_UNITS[name]}' if PARAMETER_UNITS[name] else ''}, or its name in free",
+                    f"a number{f' in {PARAMETER_UNITS[name]}' if PARAMETER_UNITS[name] else ''}, or the name of the parameter "
+                    "in the argument free",
                 )
         for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
             if name in self.free and getattr(self, name) is not None:
                 raise InputError(
                     f"BoucWen.{name}",
                     "the parameter has a value and is also free",
-                    "a value, or its name in free",
+                    "a value, or the name of the parameter in the argument free",
                     "Remove one.",
                 )
         for first, second in _EITHER:

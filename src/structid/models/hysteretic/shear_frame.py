@@ -209,7 +209,9 @@ class ShearFrame(TraceableModel):
             self._check_every_storey(name)
             if not self._given(name):
                 raise InputError(
-                    f"ShearFrame.{name}", "the parameter has no value and is not free", "numbers, or its name in free"
+                    f"ShearFrame.{name}",
+                    "the parameter has no value and is not free",
+                    "numbers, or the name of the parameter in the argument free",
                 )
         if self._named("gamma") == self._named("gamma_ratio"):
             raise InputError(

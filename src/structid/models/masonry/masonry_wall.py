@@ -129,7 +129,7 @@ class MasonryWall(TraceableModel):
                 raise InputError(
                     f"MasonryWall.{name}",
                     "the parameter has a value and is also free",
-                    "a value, or its name in free",
+                    "a value, or the name of the parameter in the argument free",
                     "Remove one.",
                 )
             if name not in self.free:

@@ -32,7 +32,7 @@ def check_value(name: str, value: Any) -> None:
         raise InputError(
             where,
             "the parameter has no value and is not free",
-            f"a number in {PARAMETER_UNITS[name]}, or its name in free",
+            f"a number in {PARAMETER_UNITS[name]}, or the name of the parameter in the argument free",
         )
     number = finite_number(where, value)
     if number < 0.0 or (number == 0.0 and name not in OPTIONAL):

@@ -76,7 +76,7 @@ def check_tables(file: StudyFile) -> None:
             bool(unused),
             f"key 'surrogate.{min(unused, default='')}'",
             "it has no effect with kind = 'none'",
-            "a kind of surrogate, or no other key than kind",
+            "a surrogate kind; with kind = 'none', no other key",
         ),
         (
             calibrated and surrogate.kind == "none",

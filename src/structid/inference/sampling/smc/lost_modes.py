@@ -174,7 +174,7 @@ class _Known:
     def before_falls(
         self, start: np.ndarray, own_density: np.ndarray, end: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Whether the density falls on the paths to a point; where it begins to fall; and the density there."""
+        """Whether the density falls between the draws and a point, the position at which it begins to fall, and its value there."""
         if not len(start):
             return np.zeros(0, dtype=bool), start, own_density
         way, density = self._on_the_way(start, end)

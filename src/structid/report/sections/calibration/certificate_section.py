@@ -44,7 +44,7 @@ def what_was_bounded(certificate: Certificate) -> Table:
     heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "estimated shift of mean [sd]"]
     return Table(
         "Error bounds for each parameter, with "
-        f"{100.0 * certificate.limits.confidence:.0f} % confidence, and the shift of the mean by the weights of the draws",
+        f"{100.0 * certificate.limits.confidence:.0f} % confidence, and the shift of the mean when the draws are weighted",
         (heads, _bounds(certificate)),
     )
 
