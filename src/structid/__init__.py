@@ -107,6 +107,7 @@ _PUBLIC = {
     "first_passage": "reliability.first_passage",
     "fragility": "reliability.fragility",
     "load_surrogate": "surrogates.surrogate_list",
+    "look": "data_files.overview",
     "open_hybrid": "hybrid.recording.result_file",
     "open_runs": "campaign.store",
     "parameter_study": "reliability.parameter_study",

@@ -14,6 +14,7 @@ from structid.core.errors import Status as Status
 from structid.core.errors import StructidError as StructidError
 from structid.core.errors import StructidWarning as StructidWarning
 from structid.core.progress_bars import ProgressBars as ProgressBars
+from structid.data_files.overview import look as look
 from structid.ground_motion.excitation import CombinedExcitation as CombinedExcitation
 from structid.ground_motion.excitation import DisplacementHistory as DisplacementHistory
 from structid.ground_motion.excitation import ForceHistory as ForceHistory

@@ -15,9 +15,9 @@ from structid.core.errors import InputError, check_choice, suggestion
 from structid.core.hashing import digest
 from structid.core.units import factor
 from structid.core.validation import check_arguments, check_name
+from structid.data_files.read_file import read_signal
 from structid.engine.device import jnp
 from structid.ground_motion.excitation import Excitation
-from structid.ground_motion.readers import read_columns
 from structid.probability.truncation import Marginal
 
 NUISANCES = ("gain", "offset", "time_shift")
@@ -195,29 +195,31 @@ class Observation:
         cls,
         record: Excitation,
         path: str | os.PathLike[str],
-        unit: str,
+        unit: str | None = None,
         channel: str = "velocity",
-        column: int | None = None,
+        column: int | str | None = None,
         dt: float | None = None,
         time_shift: Marginal | float | None = None,
         sd: float | None = None,
         sd_column: int | None = None,
+        component: str | int | None = None,
+        time_column: int | str | None = None,
         **nuisances: Marginal,
     ) -> Observation:
-        """Read a measured history from text columns.
+        """Read a measured history from a file of a logger, a laboratory, a program or a strong-motion network.
 
         Parameters
         ----------
         record : Excitation
             Excitation of the structure.
         path : path-like
-            Text or CSV file with a time and a value column, or with values only if `dt` is given.
-        unit : str
-            Unit of the values.
+            The file; `GroundMotion.read` reads the same formats.
+        unit : str, optional
+            Unit of the values. It must agree with a unit in the file.
         channel : str
             Name of the measured channel.
-        column : int, optional
-            Column of the values, counted from 0.
+        column : int or str, optional
+            Column of the values in a table: its number, counted from 0, or its title.
         dt : float, optional
             Time step [s] of a file without a time column.
         time_shift : Marginal or float, optional
@@ -227,6 +229,10 @@ class Observation:
             Known standard deviation of the errors in SI.
         sd_column : int, optional
             Column of known standard deviations, in the unit of the values.
+        component : str or int, optional
+            Channel of a file with several channels: its name or its number from 1.
+        time_column : int or str, optional
+            Column of the times in a table; by default the one whose title names the time, or the first.
         **nuisances : Marginal
             Priors of gain and offset.
 
@@ -237,12 +243,31 @@ class Observation:
         """
         if unknown := set(nuisances) - {"gain", "offset"}:
             name = min(unknown)
-            arguments = ("channel", "column", "dt", "time_shift", "sd", "sd_column", "gain", "offset")
+            arguments = (
+                "channel",
+                "column",
+                "dt",
+                "time_shift",
+                "sd",
+                "sd_column",
+                "component",
+                "time_column",
+                "gain",
+                "offset",
+            )
             raise InputError(
                 "Observation.read", f"the argument '{name}'", ", ".join(arguments), suggestion(name, arguments)
             )
         others = () if sd_column is None else (sd_column,)
-        start, step, values = read_columns(path, unit, dt, column, standard_unit(channel).si or None, others)
+        si = standard_unit(channel).si or None
+        if unit is None and si is None:
+            raise InputError(
+                f"{path}",
+                f"no unit for the channel '{channel}', which has no standard unit",
+                "a unit",
+                "Give it: unit='kN'.",
+            )
+        start, step, values = read_signal(path, unit, dt, column, si, others, time_column, component)
         prior = time_shift if isinstance(time_shift, Marginal) else None
         known_shift = time_shift if isinstance(time_shift, (int, float)) else None
         if prior is not None and not (abs(start) <= 0.5 * step and len(values) == len(record)):
@@ -257,7 +282,7 @@ class Observation:
                 f"If the record begins at {start:g} s in this file, set time_shift = {start:g} (in a study file "
                 f'"{start:g} s").',
             )
-        units = {} if standard_unit(channel).si else {channel: unit}
+        units = {} if si else {channel: str(unit)}
         known_sds = values[:, 1] if others else sd
         clock = 0.0 if prior is None or known_shift is None else known_shift
         nuisances |= {} if prior is None else {"time_shift": prior}

@@ -1,20 +1,30 @@
 """A trial: everything that can be added is one new file and one line in a list.
 
 It adds one of each kind in the table of the architecture page: a model, a surrogate, an error model, a sampler, a section, a stage
-with a table and a result of its own, a command and a purpose of random numbers. The files are in `trial/` beside this one. A call
-of `register(module, name, what)` here stands for a line in the list.
+with a table and a result of its own, a command, a file format and a purpose of random numbers. The files are in `trial/` beside
+this one. A call of `register(module, name, what)` here stands for a line in the list.
 """
 
 from enum import IntEnum
 
 import numpy as np
 import pytest
-from trial import new_command, new_discrepancy, new_model, new_sampler, new_section, new_stage, new_surrogate
+from trial import (
+    new_command,
+    new_discrepancy,
+    new_format,
+    new_model,
+    new_sampler,
+    new_section,
+    new_stage,
+    new_surrogate,
+)
 
 import structid as si
 from commands import structid
 from structid.cli.commands import command_list
 from structid.core import streams
+from structid.data_files import format_list
 from structid.inference.diagnostics.robust_spread import robust_spread
 from structid.inference.error_models import error_model_list
 from structid.inference.sampling import sampler_list
@@ -93,6 +103,7 @@ def registered(monkeypatch):
     register(section_list, "OF_A_CALIBRATION", new_section.SECTION)
     register(stage_list, "STAGES", new_stage.STAGE)
     register(command_list, "COMMANDS", new_command.parameters)
+    register(format_list, "TEXT_FORMATS", new_format.FORMAT)
     purposes = {purpose.name: purpose.value for purpose in streams.Purpose}
     monkeypatch.setattr(streams, "Purpose", IntEnum("Purpose", purposes | {"RANDOM_WALK": 7_001}))
 
@@ -193,6 +204,13 @@ def test_a_new_command_is_called_by_its_name(study):
     said = structid("parameters", study, cwd=study.parent)
     assert said.returncode == 0 and said.stdout.strip() == "frequency"
     assert "parameters" in structid("--help", cwd=study.parent).stdout
+
+
+def test_a_new_format_is_read_as_a_record_and_looked_at(registered, tmp_path):
+    (tmp_path / "r.dat").write_text("TABLETOP SHAKER\n0.02\n1.0\n-3.0\n2.0\n")
+    record = si.GroundMotion.read(tmp_path / "r.dat")
+    assert record.dt == 0.02 and record.pga == pytest.approx(0.03)
+    assert si.look(tmp_path / "r.dat").format == "tabletop shaker"
 
 
 def test_without_the_lines_nothing_of_it_is_known(tmp_path):

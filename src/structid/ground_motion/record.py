@@ -12,13 +12,18 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.units import STANDARD_GRAVITY, factor
 from structid.core.validation import check_arguments
+from structid.data_files.read_file import read_signal
 from structid.figures import record as record_figures
-from structid.ground_motion import processing, readers, spectra
+from structid.ground_motion import processing, spectra
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.synthetic import stochastic_acceleration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+LONGEST_STEP = 0.5
+"""Time step [s] from which times are probably not in seconds."""
 
 
 @check_arguments
@@ -59,23 +64,32 @@ class GroundMotion(Excitation):
         path: str | os.PathLike[str],
         dt: float | None = None,
         unit: str | None = None,
-        column: int | None = None,
+        column: int | str | None = None,
         name: str | None = None,
+        component: str | int | None = None,
+        time_column: int | str | None = None,
     ) -> GroundMotion:
-        """Read a PEER AT2 file, an ESM ASCII file, or a text file with columns.
+        r"""Read a ground acceleration from a file of a strong-motion network, a logger or a program.
+
+        The format is recognised by the content of the file. The page "From your files to a study" lists all formats.
 
         Parameters
         ----------
         path : path-like
-            An ``.AT2`` or ESM file, or a text or CSV file with an acceleration column and, unless `dt` is given, a time column.
+            The file.
         dt : float, optional
-            Time step [s] of a file without a time column.
+            Time step [s] of a file that does not state it. For points digitised from a film, which have no constant step: the
+            step of a linear interpolation.
         unit : str, optional
-            Unit of the values in a text file, such as ``"g"`` or ``"cm/s^2"``. It must agree with any unit in the file's header.
-        column : int, optional
-            Column of the values in a text file, counted from 0.
+            Unit of the values, such as ``"g"`` or ``"gal"``. It must agree with a unit in the file.
+        column : int or str, optional
+            Column of the values in a table: its number, counted from 0, or its title.
         name : str, optional
             Name of the record; the file's name by default.
+        component : str or int, optional
+            Channel of a file with several channels: its direction, such as ``"EW"``, or its number from 1.
+        time_column : int or str, optional
+            Column of the times in a table; by default the one whose title names the time, or the first.
 
         Returns
         -------
@@ -85,9 +99,26 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If the file is not such a record; the message names the line.
+            If the file is damaged, holds something else, or leaves a choice. The message names the line, and the choice.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> import structid as si
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "table.csv"
+        >>> _ = file.write_text("time [s];floor [g]\n0,00;0,10\n0,01;-0,25\n0,02;0,05\n")
+        >>> round(si.GroundMotion.read(file).pga, 4)
+        2.4517
         """
-        return cls(*readers.read_acceleration(path, dt, unit, column), Path(path).stem if name is None else name)
+        signal = read_signal(path, unit, dt, column, "m/s^2", (), time_column, component)
+        if signal.dt >= LONGEST_STEP:
+            raise InputError(
+                f"{path}",
+                f"a time step of {signal.dt:g} s",
+                f"a record with a step below {LONGEST_STEP:g} s",
+                "If the times are in milliseconds, write the unit into the title, as in 'time [ms]', or give dt and the column.",
+            )
+        return cls(signal.values[:, 0], signal.dt, Path(path).stem if name is None else name)
 
     @classmethod
     def synthetic(

@@ -11,8 +11,8 @@ from pathlib import Path
 from structid.core.by_type import ByType
 from structid.core.channels import standard_unit
 from structid.core.errors import InputError, StructidWarning, within
+from structid.data_files.file_content import FileContent
 from structid.ground_motion.record import GroundMotion
-from structid.ground_motion.record_files import lines_of
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.base import Model
 from structid.models.hysteretic.loop_lines import LoopLines
@@ -80,7 +80,7 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
         lambda: build_model(
             file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
         ),
-        *(partial(lines_of, folder / str(file.observation[index].file)) for index in measured),
+        *(partial(FileContent, folder / str(file.observation[index].file)) for index in measured),
         *(partial(_observed, file, folder, index) for index in measured),
     ]
     problems = []

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from structid.core.errors import InputError
 from structid.core.units import factor, factor_of
 from structid.core.validation import real_array
-from structid.ground_motion.record_files import lines_of
+from structid.data_files.file_content import FileContent
 from structid.inference.sampling_result import SamplingResult
 
 Draws = SamplingResult | Mapping[str, Any] | np.ndarray | str | os.PathLike[str] | Any
@@ -98,7 +98,7 @@ def _text_table(path: Path) -> Any:
     """Read a CSV file with a heading line, # comment lines, and commas, semicolons, tabs or spaces between columns."""
     import pandas
 
-    lines = [line for line in lines_of(path) if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line for line in FileContent(path).lines if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
         raise InputError(WHERE, f"{path}: {len(lines)} lines", "a heading line, and a line for each draw")
     separator = next((sign for sign in ";\t," if sign in lines[0]), r"\s+")
@@ -109,7 +109,9 @@ def _text_table(path: Path) -> Any:
             text, sep=separator, decimal=decimal, skipinitialspace=True, index_col=False, engine="python"
         )
     except ValueError as problem:  # pandas raises these for parsing errors
-        raise InputError(WHERE, f"{path}: {problem}", "a heading line, and equally many values in every line") from None
+        raise InputError(
+            WHERE, f"{path}: {problem}", "a title line, and the same number of values in every line"
+        ) from None
 
 
 def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:

@@ -12,6 +12,7 @@ from structid.cli.commands import (
     demo,
     doctor,
     hybrid,
+    look,
     new,
     report,
     run,
@@ -24,6 +25,7 @@ from structid.cli.commands import (
 COMMANDS: tuple[Callable[..., None], ...] = (
     demo.demo,
     run.run,
+    look.look,
     check.check,
     report.report,
     compare.compare,

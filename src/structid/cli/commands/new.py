@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,8 +17,12 @@ from structid.study.packaged import SOLVERS, TEMPLATES, template
 def new(
     name: Annotated[str, typer.Argument(help="Name of the study; NAME.toml is written here.")],
     like: Annotated[str, typer.Option(help=f"Packaged study to copy: {', '.join(TEMPLATES)}.")] = "measured",
+    files: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="File of the excitation or of a measured response; repeat it for several files."),
+    ] = None,
 ) -> None:
-    """Write a study file from a template."""
+    """Write a study file from a template, or for given data files."""
     check_choice("--like", like, TEMPLATES)
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.exists():
@@ -31,8 +37,26 @@ def new(
             f"{path.parent / solver}", "the file already exists", "a folder without it", "Choose another folder."
         )
     text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
+    if files:
+        text = _for_files(text, like, files, path.parent)
     path.write_text(text, encoding="utf-8")
     if solver is not None:
         (path.parent / solver).write_text(template(solver), encoding="utf-8")
         screen.print(f"Wrote {path.parent / solver}, an example solver. Replace it with yours.")
     screen.print(f"Wrote {path}. Edit it, then run: structid check {path}")
+
+
+def _for_files(text: str, like: str, files: list[Path], folder: Path) -> str:
+    """Put the tables of record and observations for some files into the study of measured files."""
+    from structid.data_files.overview import look
+    from structid.study.lines_for_files import study_from_files
+
+    if like != "measured":
+        raise InputError(
+            "--from", f"--like {like}", "--like measured, the study of measured files", "Leave --like out."
+        )
+    # A study names files relative to its own folder.
+    named = [
+        replace(look(file), path=str(file) if file.is_absolute() else os.path.relpath(file, folder)) for file in files
+    ]
+    return study_from_files(text, named)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from structid.core.channels import ChannelUnit, base_channel
 from structid.core.units import factor
+from structid.data_files.inspection import FEWEST, flat_tops, zero_gaps
 from structid.ground_motion.excitation import Excitation
 from structid.observation import Observation
 
@@ -33,23 +34,8 @@ STANDARD_ERRORS = 5.0
 SHORTEST_REST = 0.5
 """Minimum duration of rest before a record begins [s] for an estimate of the mean at rest."""
 
-SHORTEST_GAP = 1.0
-"""Duration of exact zeros [s] that indicates lost values if the structure moves."""
-
-MOVING = 0.1
-"""Fraction of its peak that a history must reach within `SHORTEST_GAP` of a gap; zeros after a quiet end are no gap."""
-
 STRAIGHT = 1e-4
 """Relative deviation from a straight line up to which a history is not considered a measurement."""
-
-FEWEST = 20
-"""Minimum number of samples."""
-
-CLIPPED = 3
-"""Minimum number of samples in a flat top, and of resolution steps by which the history must rise to it."""
-
-ONE_SIDED = 0.5
-"""Fraction of the peak that an extreme must reach; a smaller extreme may be the zero line of a one-sided history."""
 
 
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
@@ -70,42 +56,22 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
 
 def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
     """Question about exact zeros while the structure moves."""
-    near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
-    peak = np.abs(values).max()
-    for begin, end in _stretches(values == 0.0):
-        around = np.concatenate([values[max(begin - near, 0) : begin], values[end : end + near]])
-        if begin > 0 and end - begin >= near and np.abs(around).max() > MOVING * peak:
-            return (
-                f"The {name} is exactly zero from {begin * dt:.4g} s to {(end - 1) * dt:.4g} s, next to large values. Did "
-                "the recorder lose values? If so, cut the record and the measurement there."
-            )
+    for begin, end in zero_gaps(values, dt):
+        return (
+            f"The {name} is exactly zero from {begin * dt:.4g} s to {(end - 1) * dt:.4g} s, next to large values. Did "
+            "the recorder lose values? If so, cut the record and the measurement there."
+        )
     return ""
 
 
 def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
     """Question about flat tops at an extreme, which indicate that the measuring range is too small."""
-    steps = np.abs(np.diff(values))
-    if not steps.any():
-        return ""
-    resolution = steps[steps > 0.0].min()
-    for extreme in (values.max(), values.min()):
-        if abs(extreme) < ONE_SIDED * np.abs(values).max():
-            continue
-        tops = [
-            end - begin
-            for begin, end in _stretches(values == extreme)
-            if end - begin >= CLIPPED
-            and begin > 0
-            and end < len(values)
-            # A smooth peak is also flat if the resolution is coarse, but the history then rises in single resolution steps.
-            and min(steps[begin - 1], steps[end - 1]) > CLIPPED * resolution
-        ]
-        if tops:
-            return (
-                f"The {name} stays at its extreme value {extreme / factor(unit):.4g} {unit} for up to {max(tops)} samples, "
-                f"{'once' if len(tops) == 1 else f'{len(tops)} times'}. Was the instrument at the end of its range? A clipped "
-                "history cannot be used for a calibration."
-            )
+    for extreme, tops in flat_tops(values):
+        return (
+            f"The {name} stays at its extreme value {extreme / factor(unit):.4g} {unit} for up to {max(tops)} samples, "
+            f"{'once' if len(tops) == 1 else f'{len(tops)} times'}. Was the instrument at the end of its range? A clipped "
+            "history cannot be used for a calibration."
+        )
     return ""
 
 
@@ -159,9 +125,3 @@ def _begin(record: Excitation) -> int:
     """Number of samples before an excitation first exceeds a fraction of its peak; 0 if it is zero everywhere."""
     size = np.abs(record.values)
     return int(np.argmax(size > QUIET * size.max())) if size.any() else 0
-
-
-def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
-    """Start and end (exclusive) of each stretch of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
-    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

@@ -15,7 +15,8 @@ import scipy.optimize
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
 from structid.core.validation import check_arguments, real_array
-from structid.ground_motion.readers import read_columns
+from structid.data_files.read_file import read_table
+from structid.data_files.tables.pick_column import values_of_column
 from structid.probability.marginals import LogNormal
 from structid.probability.truncation import Marginal
 
@@ -149,8 +150,8 @@ class LoopLines(ShownAsText):
         path: str | os.PathLike[str],
         displacement_unit: str,
         force_unit: str,
-        displacement_column: int = 0,
-        force_column: int = 1,
+        displacement_column: int | str = 0,
+        force_column: int | str = 1,
         elastic: float = 0.1,
         yielded: float = 0.75,
     ) -> LoopLines:
@@ -159,11 +160,11 @@ class LoopLines(ShownAsText):
         Parameters
         ----------
         path : path-like
-            Text or CSV in columns.
+            A table of columns, of any format that `GroundMotion.read` reads.
         displacement_unit, force_unit : str
             Units of the columns.
-        displacement_column, force_column : int
-            Columns, counted from 0.
+        displacement_column, force_column : int or str
+            Columns: numbers, counted from 0, or titles.
         elastic, yielded : float
             Fractions of the peak displacement.
 
@@ -177,10 +178,9 @@ class LoopLines(ShownAsText):
         InputError
             If the file cannot be read, or the lines cannot be fitted.
         """
-        displacement, force = (
-            read_columns(path, unit, 1.0, column, si).values.reshape(-1)  # a loop needs no times
-            for unit, column, si in ((displacement_unit, displacement_column, "m"), (force_unit, force_column, "N"))
-        )
+        table = read_table(path)
+        displacement = values_of_column(table, displacement_column, displacement_unit, "m")
+        force = values_of_column(table, force_column, force_unit, "N")
         return cls.fit(displacement, force, elastic, yielded)
 
     @property

@@ -54,23 +54,23 @@ def build_observation(
             "one channel for each file",
             "Give each channel its own [[observation]].",
         )
-    if section.unit is None:
-        raise InputError(
-            f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
-        )
-    factor_of(section.unit, unit, f"key '{where}.unit'")
+    if section.unit is not None:
+        factor_of(section.unit, unit, f"key '{where}.unit'")
     if isinstance(section.time_shift, (float, str)):
         nuisances["time_shift"] = to_si(section.time_shift, "s", f"key '{where}.time_shift'")
     if section.sd is not None and section.sd_column is not None:
         raise InputError(f"key '{where}.sd'", "both sd and sd_column", "one of the two")
     path, channel = folder / section.file, section.channels[0]
-    columns: dict[str, Any] = {"column": section.column, "dt": section.dt, "sd": sd, "sd_column": section.sd_column}
+    columns: dict[str, Any] = {
+        **{key: getattr(section, key) for key in ("column", "time_column", "component", "dt", "sd_column")},
+        "sd": sd,
+    }
     return Observation.read(record, path, section.unit, channel, **columns, **nuisances), None
 
 
 def _refuse_keys_of_files(section: ObservationTable, where: str) -> None:
     """Reject keys that apply only to measured files if the experiment is virtual."""
-    for key in ("column", "dt", "sd_column"):
+    for key in ("column", "time_column", "component", "dt", "sd_column"):
         if getattr(section, key) is not None:
             raise InputError(
                 f"key '{where}.{key}'",

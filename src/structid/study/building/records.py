@@ -24,7 +24,14 @@ def read_record(section: RecordTable, folder: Path, where: str) -> GroundMotion:
         record = GroundMotion.synthetic(**section.synthetic.model_dump())
     else:
         assert section.file is not None
-        record = GroundMotion.read(folder / section.file, section.dt, section.unit, section.column)
+        record = GroundMotion.read(
+            folder / section.file,
+            section.dt,
+            section.unit,
+            section.column,
+            component=section.component,
+            time_column=section.time_column,
+        )
     return replace(record, name=section.name) if section.name else record
 
 

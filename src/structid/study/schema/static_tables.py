@@ -34,7 +34,9 @@ class RecordTable(FileTable):
     name: str | None = None
     unit: str | None = None
     dt: Seconds | None = None
-    column: int | None = None
+    column: int | str | None = None
+    time_column: int | str | None = None
+    component: int | str | None = None
     baseline: Literal["constant", "linear"] | None = None
     highpass: Hertz | None = None
     lowpass: Hertz | None = None
@@ -70,8 +72,8 @@ class LoopTable(FileTable):
     file: str
     displacement_unit: str
     force_unit: str
-    displacement_column: int = Field(default=0, ge=0)
-    force_column: int = Field(default=1, ge=0)
+    displacement_column: int | str = 0
+    force_column: int | str = 1
     elastic: Annotated[Fraction, Field(gt=0, lt=1)] = 0.1
     yielded: Annotated[Fraction, Field(gt=0, lt=1)] = 0.75
 
@@ -96,7 +98,9 @@ class ObservationTable(FileTable):
     channels: tuple[str, ...] = Field(default=("velocity",), min_length=1)
     file: str | None = None
     unit: str | None = None
-    column: int | None = None
+    column: int | str | None = None
+    time_column: int | str | None = None
+    component: int | str | None = None
     dt: Seconds | None = None
     virtual: VirtualTable | None = None
     record: RecordTable | None = None

@@ -1,0 +1,1 @@
+"""Formats of strong-motion networks and of programs that simulate or process ground motions."""

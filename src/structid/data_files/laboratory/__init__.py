@@ -1,0 +1,1 @@
+"""Formats of loggers, test laboratories and structural programs."""

@@ -1,0 +1,65 @@
+"""TDMS (LabVIEW, National Instruments), read by npTDMS (an extra)."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.data_files.base import FileChannel, FileFormat, check_step, optional_library
+from structid.data_files.file_content import FileContent
+from structid.data_files.time_axis import constant_step
+from structid.data_files.unit_spellings import spelt_unit
+
+_TIME_NAMES = ("time", "t", "timestamp")
+
+
+def recognises(content: FileContent) -> bool:
+    """Whether the file begins with the tag of a segment."""
+    return content.raw[:4] == b"TDSm"
+
+
+def read(content: FileContent) -> list[FileChannel]:
+    """Read all channels; the step is the waveform's increment, or that of a channel named time in the same group."""
+    nptdms = optional_library(content, "nptdms", "a TDMS file", "laboratory")
+    try:
+        groups = nptdms.TdmsFile.read(io.BytesIO(content.raw)).groups()
+    except Exception as cause:
+        raise InputError(
+            content.path, f"npTDMS cannot read it: {cause}", "a TDMS file", "Copy the file again."
+        ) from cause
+    channels: list[FileChannel] = []
+    for group in groups:
+        times = next((c for c in group.channels() if c.name.strip().lower() in _TIME_NAMES), None)
+        for channel in group.channels():
+            if channel is not times and len(channel) and np.issubdtype(np.asarray(channel[:]).dtype, np.number):
+                channels.append(_channel(content, group, channel, times, len(channels) + 1))
+    if not channels:
+        raise InputError(content.path, "no channel of numbers", "channels of numbers", "Export the channels again.")
+    return channels
+
+
+def _channel(content: FileContent, group: Any, channel: Any, times: Any, number: int) -> FileChannel:
+    """Return one channel with its unit and its step."""
+    where = f"{content.path}, group '{group.name}', channel '{channel.name}'"
+    unit = str(channel.properties.get("unit_string") or channel.properties.get("NI_UnitDescription") or "")
+    step, start = channel.properties.get("wf_increment"), float(channel.properties.get("wf_start_offset") or 0.0)
+    if not step and times is not None and len(times) == len(channel):
+        seconds = np.asarray(times[:], dtype=float)
+        step, start = constant_step(seconds, lambda n: f"{where}, sample {n}"), float(seconds[0])
+    if not step:
+        raise InputError(
+            where,
+            "no waveform increment and no channel of times",
+            "a time step",
+            "Export the channel with its time axis.",
+        )
+    values = np.asarray(channel[:], dtype=float)
+    return FileChannel(
+        channel.name, values, spelt_unit(unit) or "", number, check_step(where, float(step)), start=start, where=where
+    )
+
+
+FORMAT = FileFormat("TDMS", recognises, read)

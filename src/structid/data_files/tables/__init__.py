@@ -1,0 +1,1 @@
+"""Tables of columns: text of loggers, and what other formats hold as columns."""

@@ -1,0 +1,242 @@
+"""Tables of columns: titles, units, numbers, and which column is the time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from structid.core.errors import InputError
+from structid.core.units import same_dimension
+from structid.data_files.tables.dialect import Row
+from structid.data_files.unit_spellings import UNITS, spelt_unit
+
+_TIME_TITLE = re.compile(
+    r"^(?:(?:running|elapsed|total|test|abs\w*|rel\w*)[ _]+)?(?:time|t|zeit|temps?|tiempo|tempo|secs?|seconds)\b",
+    re.IGNORECASE,
+)
+_BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]")
+_SPECTRUM_TITLE = re.compile(r"^(?:per(?:iod)?|freq(?:uency)?)\b|\bp?s[av]\b|spectr", re.IGNORECASE)
+_DECORATION = re.compile(r"[-=_+|*~\s]{3,}")
+WRAPPED_COLUMNS = 5
+"""Number of columns from which a table without titles may be one record that goes on from line to line."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnTable:
+    """A table of numbers; missing cells are NaN."""
+
+    path: str
+    values: Float[np.ndarray, "row column"]
+    lines: list[int]  # number of the line of each row, from 1
+    titles: list[str]  # empty strings without titles
+    units: list[str]  # units as spelt in titles or in a row of units; empty strings without
+    title_line: int = 0  # number of the line with the titles, from 1; 0 without titles
+    stamp: str = ""  # a date or a time of day in the first column
+    step: float | None = None  # time step in a first line with count and step [s]
+
+    def at(self, row: int) -> str:
+        """Name the file and the line of a row, for messages."""
+        return f"{self.path}, line {self.lines[row]}"
+
+    def time_columns(self) -> list[int]:
+        """Return the columns whose titles or units say that they are times."""
+        named = [n for n, title in enumerate(self.titles) if _TIME_TITLE.match(title)]
+        return named or [n for n, unit in enumerate(self.units) if unit and _is_time(unit)]
+
+
+def _is_time(spelt: str) -> bool:
+    unit = spelt_unit(spelt)
+    return unit is not None and same_dimension(unit, "s")
+
+
+def table_of_rows(path: str, rows: Sequence[Row]) -> ColumnTable:
+    """Make a table: header lines, then rows of numbers; a header that repeats in between begins another block."""
+    header: list[Row] = []
+    data: list[Row] = []
+    again: list[Row] = []  # header lines of a later block
+    for row in rows:
+        if _is_data(row, data, header):
+            _check_block(path, again, header, data, row)
+            again = []
+            data.append(row)
+        elif data:
+            again.append(row)
+        else:
+            header.append(row)
+    if again and any(_words(row) for row in again):
+        raise InputError(
+            f"{path}, line {again[0].line}",
+            f"'{_text(again[0])}' is not a number",
+            "numbers",
+            "Remove the text after the last value.",
+        )
+    step, data = _count_and_step(path, data)
+    _check_spectrum(path, header)
+    if len(data) < 2:
+        raise InputError(path, f"{len(data)} lines of numbers", "two or more lines", _no_numbers(header))
+    columns = max(len(row.cells) for row in data)
+    for row in data:
+        if len(row.cells) != columns:
+            _refuse_row(path, row, data)
+    values = np.array([[np.nan if cell is None else cell for cell in row.cells] for row in data], dtype=float)
+    titles, units, title_line = _titles_and_units(header, columns)
+    if columns > 1 and np.isnan(values[:, -1]).all() and not titles[-1]:
+        values, titles, units = (
+            values[:, :-1],
+            titles[:-1],
+            units[:-1],
+        )  # a separator behind the last cell of every line
+    stamp = next((row.stamp for row in data if row.stamp), "")
+    return ColumnTable(path, values, [row.line for row in data], titles, units, title_line, stamp, step)
+
+
+def _is_data(row: Row, data: Sequence[Row], header: Sequence[Row]) -> bool:
+    """Whether a row holds numbers or missing values only.
+
+    A row of missing values before the first number is decoration, such as a line of dashes, only below or above a title.
+    """
+    if any(isinstance(cell, str) for cell in row.cells):
+        return False
+    if any(isinstance(cell, float) for cell in row.cells):
+        return True
+    return bool(data) or not any(_words(earlier) for earlier in header)
+
+
+def _words(row: Row) -> list[str]:
+    return [cell for cell in row.cells if isinstance(cell, str) and re.search("[^-=_+|*~ ]", cell)]
+
+
+def _text(row: Row) -> str:
+    return " ".join("" if cell is None else f"{cell:g}" if isinstance(cell, float) else cell for cell in row.cells)[:60]
+
+
+def _check_block(path: str, again: Sequence[Row], header: Sequence[Row], data: Sequence[Row], row: Row) -> None:
+    """Accept another block only behind the header of the first; refuse any other text between numbers."""
+    if not again:
+        return
+    columns = len(data[0].cells)
+    titles, units, _ = _titles_and_units(header, columns)
+    if any(titles) and _titles_and_units(again, columns)[:2] == (titles, units) and len(row.cells) == columns:
+        return
+    strange = next((line for line in again if _words(line)), again[0])
+    word = (_words(strange) or [_text(strange)])[0]
+    raise InputError(
+        f"{path}, line {strange.line}", f"'{word}' is not a number", "numbers", "Correct the line, or split the file."
+    )
+
+
+def _refuse_row(path: str, row: Row, data: Sequence[Row]) -> None:
+    usual = len(data[0].cells)
+    came = f"{len(row.cells)} column{'' if len(row.cells) == 1 else 's'}"
+    if row is data[0]:
+        usual, came = len(data[1].cells), f"{came} in the first line of numbers"
+    raise InputError(
+        f"{path}, line {row.line}",
+        came,
+        f"{usual}, as in the other lines",
+        "Check for an empty cell, or for a count or a time step.",
+    )
+
+
+def _count_and_step(path: str, data: list[Row]) -> tuple[float | None, list[Row]]:
+    """Take a first line with the number of values, and perhaps the time step, for what it is.
+
+    The line is recognised by its count. A single value that might be a count or a step is refused.
+    """
+    if len(data) < 3:
+        return None, data
+    first, rest = data[0].cells, data[1:]
+    where = f"{path}, line {data[0].line}"
+    shorter = len(first) != len(rest[0].cells)
+    if first[0] == len(rest) and len(first) <= 2 and (shorter or len(first) == 1):
+        step = first[1] if len(first) == 2 and isinstance(first[1], float) else None
+        return step, rest
+    if len(first) == 2 and len(rest[0].cells) == 2 and first[0] == len(rest) and first[0] > 2:
+        return (first[1] if isinstance(first[1], float) else None), rest
+    if shorter and len(first) <= 2 and len({len(row.cells) for row in rest}) == 1:
+        raise InputError(
+            where,
+            f"{len(first)} number{'s' if len(first) > 1 else ''}, '{_text(data[0])}', before {len(rest)} lines with "
+            f"{len(rest[0].cells)}",
+            "the number of the lines that follow, and perhaps the time step",
+            "Correct the line, or remove it and give the time step as dt.",
+        )
+    return None, data
+
+
+def _check_spectrum(path: str, header: Sequence[Row]) -> None:
+    """Refuse a response spectrum."""
+    for row in header:
+        words = [word for cell in _words(row) for word in re.split(r"[;,\t]|\s{2,}", cell)]
+        if (
+            words
+            and re.match(r"^(per(iod)?|freq(uency)?)\b", words[0].strip(), re.IGNORECASE)
+            and any(_SPECTRUM_TITLE.search(word) for word in words[1:])
+        ):
+            raise InputError(
+                f"{path}, line {row.line}",
+                f"a spectrum, '{_text(row)}'",
+                "a history of samples",
+                "Use the file of the history.",
+            )
+
+
+def _no_numbers(header: Sequence[Row]) -> str:
+    """Remedy for a file without a table."""
+    return "If the file has one of the formats of a network, it is damaged." if len(header) > 5 else ""
+
+
+def _titles_and_units(header: Sequence[Row], columns: int) -> tuple[list[str], list[str], int]:
+    """Return titles and units of the columns from the last header lines that have as many cells as the table."""
+    lines = [(row.line, cells) for row in header if (cells := _header_cells(row, columns)) is not None]
+    none = [""] * columns
+    if not lines:
+        return none, none, 0
+    number, last = lines[-1]
+    plain = [cell.strip("()[]{} ") for cell in last]
+    if (
+        any(plain)
+        and all(not cell or cell == "-" or spelt_unit(cell) is not None for cell in plain)
+        and not any(_TIME_TITLE.match(c) and c.lower() not in UNITS for c in plain)
+    ):
+        titles = lines[-2][1] if len(lines) > 1 else none
+        return titles, [cell if cell != "-" else "" for cell in plain], lines[-2][0] if len(lines) > 1 else number
+    units = [match.group(1) if (match := _BRACKETED.search(title)) else _unit_behind(title) for title in last]
+    return last, units, number
+
+
+def _unit_behind(title: str) -> str:
+    """Return the unit behind the word for the time, as in time_ms."""
+    match = re.match(r"^(?:time|t)[ _](ms|msec|s|sec|us|min)$", title.strip(), re.IGNORECASE)
+    return match.group(1) if match else ""
+
+
+def _header_cells(row: Row, columns: int) -> list[str] | None:
+    """Split a header line into as many cells as the table has columns, if that is possible."""
+    words = ["" if cell is None else f"{cell:g}" if isinstance(cell, float) else cell for cell in row.cells]
+    if not any(re.search("[A-Za-z%\u00b0]", word) for word in words):
+        return None
+    if len(words) == columns:
+        return [word.strip() for word in words]
+    text = row.text or " ".join(words)
+    for pattern in (r"\t", ";", ",", r"\s{2,}", r"\s+"):
+        cells = [cell.strip() for cell in re.split(pattern, text.strip())]
+        if len(cells) == columns:
+            return cells
+    return None
+
+
+def is_wrapped(values: Float[np.ndarray, "row column"]) -> bool:
+    """Whether the rows of a table continue one another, as a record printed with several values per line.
+
+    Neighbours in a record differ less than samples that are a whole line apart.
+    """
+    if values.shape[1] < WRAPPED_COLUMNS or len(values) < 4:
+        return False
+    along = np.abs(np.diff(values.reshape(-1)))
+    down = np.abs(np.diff(values, axis=0))
+    return bool(np.nanmedian(along) < 0.5 * np.nanmedian(down))

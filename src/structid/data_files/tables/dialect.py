@@ -1,0 +1,195 @@
+"""The cells of text columns: separators, decimal commas, thousands separators, quotes, empty cells."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from structid.core.errors import InputError
+from structid.data_files.file_content import FileContent
+
+Cell = float | str | None
+"""A cell of a table: a number, a word, or None for a missing value."""
+
+MISSING_WORDS = frozenset({"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "-nan", "null", "none", "*", "**", "***"})
+"""Cells that stand for a missing value, in lower case."""
+
+_DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?Z?"
+STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
+"""A date, a time of day, or both, at the start of a line."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
+_MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
+_BOTH = re.compile(r"[-+]?\d[\d.,]*(?:[eEdD][-+]?\d+)?")
+_LETTER = re.compile(r"[A-Za-z\u00c0-\u024f]{2,}|\b[A-Za-z]\b")
+
+
+class Row(NamedTuple):
+    """A line of a table: its number from 1, and its cells."""
+
+    line: int
+    cells: list[Cell]
+    stamp: str = ""  # a date or a time of day in the first cell
+    text: str = ""  # the line, for titles
+
+
+class Dialect(NamedTuple):
+    """How the lines of a file separate cells and write numbers."""
+
+    separator: str  # ";", tab, ",", or a space for any white space
+    comma: str  # role of a comma in a number: "decimal", "thousands" or "none"
+    point: str  # role of a point in a number: "decimal" or "thousands"
+
+
+def rows_of_text(content: FileContent) -> Iterator[Row]:
+    """Split every line of a text file into cells; comment marks are dropped, blank lines left out."""
+    if "\t" not in content.raw.decode("latin-1") and _is_plain(content.lines):
+        yield from _plain_rows(content.lines)
+        return
+    dialect = dialect_of(content)
+    for number, line in enumerate(content.lines, start=1):
+        text = line.strip(" \r\n")
+        if not text.strip():
+            continue
+        if text.startswith(("#", "%")):
+            yield Row(number, [text.lstrip("#% \t")], text=text.lstrip("#% \t"))
+            continue
+        text, stamp = _without_stamp(text)
+        cells = split(text, dialect.separator)
+        yield Row(number, [_cell(cell, dialect, content.at(number - 1)) for cell in cells], stamp, text)
+
+
+def _is_plain(lines: Sequence[str]) -> bool:
+    """Whether all lines behind a header have spaces and decimal points only, as most programs write them."""
+    body = [line for line in lines if line.strip()][-200:]
+    return all(re.fullmatch(rf"\s*{_NUMBER}(?:\s+{_NUMBER})*\s*", line) for line in body)
+
+
+def _plain_rows(lines: Sequence[str]) -> Iterator[Row]:
+    """Rows of a file with spaces between numbers."""
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if not text:
+            continue
+        if text.startswith(("#", "%")):
+            yield Row(number, [text.lstrip("#% \t")], text=text.lstrip("#% \t"))
+            continue
+        text, stamp = _without_stamp(text)
+        try:
+            yield Row(number, [float(word) for word in text.split()], stamp)
+        except ValueError:
+            yield Row(number, [_plain_cell(word) for word in text.split()], stamp, text)
+
+
+def _plain_cell(word: str) -> Cell:
+    if word.lower() in MISSING_WORDS:
+        return None
+    return _float(word)
+
+
+def _without_stamp(text: str) -> tuple[str, str]:
+    """Replace a date or a time of day at the start of a line by a zero, and return it."""
+    match = STAMP.match(text)
+    return (text, "") if match is None else (f"0{text[match.end() :]}", match[1])
+
+
+def dialect_of(content: FileContent) -> Dialect:
+    """Find the separator and the role of commas and points from all lines without words."""
+    body = [
+        text
+        for line in content.lines
+        if (text := _without_stamp(line.strip(" \r\n"))[0]) and not _LETTER.search(_numbers_only(text))
+    ]
+    body = [text for text in body if any(ch.isdigit() for ch in text)]
+    separator = _separator(body)
+    cells = [cell.strip() for text in body for cell in split(text, separator)]
+    return Dialect(separator, *_roles(content, [cell for cell in cells if "," in cell or "." in cell]))
+
+
+def _numbers_only(text: str) -> str:
+    """Drop exponents and missing values, so that what remains are letters of words."""
+    text = re.sub(r"(?<=[\d.])[eEdD](?=[-+]?\d)", "", text)
+    return " ".join(word for word in re.split(r"[\s;,\"]+", text) if word.lower() not in MISSING_WORDS)
+
+
+def _separator(body: Sequence[str]) -> str:
+    """Return the separator of the cells: semicolon, tab, comma, or white space."""
+    bare = [re.sub(r'"[^"]*"', '""', text) for text in body]
+    for candidate in (";", "\t"):
+        if bare and sum(candidate in text.strip(" ") for text in bare) > 0.5 * len(bare):
+            return candidate
+    if not any("," in text for text in bare):
+        return " "
+    # A comma in words that spaces separate is a decimal comma, as in "0,01  0,35"; else it separates, as in "0,1" or "0, 1".
+    words = [text.split() for text in bare]
+    decimal = all(all(_MAYBE_DECIMAL_COMMA.fullmatch(word) for word in line) for line in words)
+    several = any(len(line) > 1 for line in words)
+    return " " if decimal and several else ","
+
+
+def split(text: str, separator: str) -> list[str]:
+    """Split a line into cells; cells in quotes may contain the separator."""
+    if '"' in text:
+        delimiter = separator if separator != " " else (";" if ";" in re.sub(r'"[^"]*"', "", text) else ",")
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter, skipinitialspace=True))]
+    if separator == " ":
+        return text.split()
+    return [cell.strip() for cell in text.split(separator)]
+
+
+def _roles(content: FileContent, cells: Sequence[str]) -> tuple[str, str]:
+    """Return the roles of comma and point in numbers: both roles must be the same in the whole file."""
+    numbers = [cell for cell in cells if _BOTH.fullmatch(cell)]
+    both = [cell for cell in numbers if "," in cell and "." in cell]
+    comma_only = [cell for cell in numbers if "," in cell and "." not in cell]
+    point_only = [cell for cell in numbers if "." in cell and "," not in cell]
+    if both:
+        last = {cell[max(cell.rfind(","), cell.rfind("."))] for cell in both}
+        if len(last) > 1:
+            raise InputError(
+                content.path,
+                f"'{both[0]}' and other numbers use comma and point differently",
+                "one decimal mark",
+                "Export the file with one decimal mark.",
+            )
+        return ("thousands", "decimal") if last == {"."} else ("decimal", "thousands")
+    if not comma_only:
+        return "none", "decimal"
+    grouped = [bool(_THOUSANDS.fullmatch(cell)) for cell in comma_only]
+    if any(cell.count(",") > 1 for cell in comma_only) or (point_only and all(grouped)):
+        return "thousands", "decimal"
+    if all(grouped):
+        raise InputError(
+            content.path,
+            f"the number '{comma_only[0]}' may be {comma_only[0].replace(',', '')} or {comma_only[0].replace(',', '.')}",
+            "numbers whose comma has one meaning",
+            "Export the file with decimal points and without thousands separators.",
+        )
+    return "decimal", "decimal"
+
+
+def _cell(text: str, dialect: Dialect, where: str) -> Cell:
+    """Convert a cell to a number, None for a missing value, or a word."""
+    if text.lower() in MISSING_WORDS:
+        return None
+    if "," in text and _BOTH.fullmatch(text):
+        if dialect.comma == "thousands" and not re.fullmatch(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?", text):
+            raise InputError(
+                where, f"the number '{text}'", "thousands in groups of three digits", "Correct the number."
+            )
+        if dialect.comma == "decimal" and dialect.point == "thousands":
+            text = text.replace(".", "")
+        text = text.replace(",", "" if dialect.comma == "thousands" else ".")
+    elif dialect.point == "thousands" and re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", text):
+        text = text.replace(".", "")
+    return _float(text)
+
+
+def _float(text: str) -> Cell:
+    """Convert a number; a word stays a word."""
+    if re.fullmatch(_NUMBER, text) is None:
+        return text
+    return float(re.sub("[dD]", "e", text))

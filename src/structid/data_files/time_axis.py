@@ -1,0 +1,57 @@
+"""The constant time step of printed times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+
+from structid.core.errors import InputError
+
+ROUNDED_TIME = 0.05
+"""Largest error of a printed time, as a fraction of the time step."""
+
+LARGEST_DENOMINATOR = 100_000
+"""Largest denominator of a time step, as a fraction of a second; no instrument needs a larger denominator."""
+
+
+def constant_step(times: Float[np.ndarray, " time"], at: Callable[[int], str], rounding: float = 0.0) -> float:
+    """Return the step [s] of printed times; refuse a varying step, and name the first irregular line.
+
+    `at` names the line of a sample. Times printed with a known rounding error may deviate by that error.
+    """
+    step = float(times[-1] - times[0]) / (times.size - 1)
+    # Times may be printed with few digits: deviations in the last digit are allowed, deviations near one time step are not.
+    deviation = float(np.abs(times - times[0] - step * np.arange(times.size)).max())
+    if step <= 0.0 or deviation > max(ROUNDED_TIME * step, min(2.0 * rounding, 0.45 * step)):
+        raise _irregular(times, at)
+    # All times together give the step more precisely than one difference. The error is twice the rounding of the end times.
+    resolution = max(2.0 * deviation / (times.size - 1), 1e-12 * step)
+    simplest = _simplest_fraction(Fraction(step - resolution), Fraction(step + resolution))
+    return float(simplest) if simplest.denominator <= LARGEST_DENOMINATOR else float(f"{step:.9g}")
+
+
+def _irregular(times: np.ndarray, at: Callable[[int], str]) -> InputError:
+    """Name the first time that does not follow the usual step."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    irregular = np.flatnonzero(np.abs(steps - usual) > 2.0 * ROUNDED_TIME * abs(usual))
+    index = int(irregular[0]) + 1 if irregular.size else int(np.argmin(steps)) + 1
+    return InputError(
+        at(index),
+        f"time {times[index]:.9g} s follows {times[index - 1]:.9g} s, but the usual step is {usual:.6g} s",
+        "times that increase by a constant step",
+        "Resample the record to a constant step first. If numbers have decimal commas, separate the columns by semicolons.",
+    )
+
+
+def _simplest_fraction(low: Fraction, high: Fraction) -> Fraction:
+    """Return the fraction with the smallest denominator in an interval: 1/256 for 0.0039062 to 0.0039063."""
+    whole = low.numerator // low.denominator
+    if whole == low:
+        return low
+    if whole + 1 <= high:
+        return Fraction(whole + 1)
+    return whole + 1 / _simplest_fraction(1 / (high - whole), 1 / (low - whole))

@@ -1,0 +1,109 @@
+"""Lines of a study file for data files, as `structid look` prints them and `structid new --from` writes them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from structid.core.errors import InputError
+from structid.core.units import same_dimension
+from structid.data_files.inspection import ChannelFacts
+from structid.data_files.overview import FileOverview
+
+CHANNELS = {
+    "m/s^2": "absolute_acceleration",
+    "m/s": "velocity",
+    "m": "displacement",
+    "N": "restoring_force",
+}
+"""Usual channel for a measured history, by the SI unit of its file."""
+
+
+def record_lines(overview: FileOverview) -> str:
+    """Return a [record] table for the first acceleration in a file."""
+    facts = _first_acceleration(overview)
+    if facts is None:
+        return f"# {Path(overview.path).name} holds no acceleration"
+    lines = ["[record]", f"file = {_quoted(overview.path)}", *_choice(overview, facts), *_unit(facts), *_step(facts)]
+    others = [f"'{other.channel.name}'" for other in _of_same_quantity(overview, facts) if other is not facts]
+    if others:
+        lines[1] += f"   # or {', '.join(others[:5])}"
+    return "\n".join(lines)
+
+
+def observation_lines(overview: FileOverview, most: int = 12) -> str:
+    """Return an [[observation]] table for each channel of a file."""
+    tables = []
+    for facts in overview.channels[:most]:
+        lines = ["[[observation]]", f"file = {_quoted(overview.path)}", *_choice(overview, facts)]
+        lines.append(f'channels = ["{_channel(facts)}"]')
+        tables.append("\n".join([*lines, *_unit(facts), *_step(facts)]))
+    if len(overview.channels) > most:
+        tables.append(f"# … and {len(overview.channels) - most} more channels")
+    return "\n\n".join(tables)
+
+
+def study_from_files(text: str, overviews: Sequence[FileOverview]) -> str:
+    """Replace record and observation of the packaged study of a measurement by those of some files.
+
+    The first file with an acceleration is the excitation; its first acceleration is used. The other files are measured.
+    """
+    record = next((overview for overview in overviews if _first_acceleration(overview) is not None), None)
+    if record is None:
+        raise InputError("--from", "no file holds an acceleration", "the record of the excitation among the files")
+    measured = [overview for overview in overviews if overview is not record] or [record]
+    lines = record_lines(record)
+    text = _replaced(text, "[record]", lines)
+    text = text.replace('file = "MY_RECORD.AT2"', lines.partition("\n")[2])  # in the records of predictions
+    return _replaced(text, "[observation]", "\n\n".join(observation_lines(overview) for overview in measured))
+
+
+def _replaced(text: str, title: str, lines: str) -> str:
+    """Replace one table of a study file, up to the next table."""
+    before, _, rest = text.partition(f"\n{title}")
+    after = rest[rest.index("\n[") :]
+    return f"{before}\n{lines}\n{after}"
+
+
+def _first_acceleration(overview: FileOverview) -> ChannelFacts | None:
+    """Return the first acceleration, or else the first channel without a unit."""
+    known = [facts for facts in overview.channels if facts.channel.quantity == "acceleration"]
+    unknown = [facts for facts in overview.channels if not facts.channel.quantity and not facts.channel.unit]
+    return next(iter([*known, *unknown]), None)
+
+
+def _of_same_quantity(overview: FileOverview, facts: ChannelFacts) -> list[ChannelFacts]:
+    return [other for other in overview.channels if other.channel.quantity == facts.channel.quantity]
+
+
+def _choice(overview: FileOverview, facts: ChannelFacts) -> list[str]:
+    """Return the line that names a channel, if the file has several of its quantity."""
+    if overview.has_columns:
+        return [f"column = {facts.channel.number}"] if len(overview.channels) > 1 else []
+    if len(_of_same_quantity(overview, facts)) < 2:
+        return []
+    return [f"component = {json.dumps(facts.channel.name, ensure_ascii=False)}"]
+
+
+def _unit(facts: ChannelFacts) -> list[str]:
+    """Return the line of the unit, if the file does not state it."""
+    unit = facts.channel.unit
+    stated = unit and unit != "counts" and not unit.startswith("?")
+    return [] if stated else ['unit = "UNIT"   # the file does not state it']
+
+
+def _step(facts: ChannelFacts) -> list[str]:
+    """Return the line of the time step, if the file does not state it."""
+    return [] if facts.dt is not None else ['dt = "STEP s"   # the samples are not at a constant step']
+
+
+def _channel(facts: ChannelFacts) -> str:
+    unit = facts.channel.unit
+    return next(
+        (name for si, name in CHANNELS.items() if unit and unit != "counts" and same_dimension(unit, si)), "CHANNEL"
+    )
+
+
+def _quoted(path: str) -> str:
+    return json.dumps(path, ensure_ascii=False)
