@@ -183,9 +183,9 @@ for which it does not.
 {table}
 
 Differences: gmprocess and ObsPy keep the mean of K-NET and KiK-net counts. The `Max. Acc.` of the headers is that of the values
-without their mean, to the last of its three decimals, and so are structid's values. gmprocess interpolates the points of a film to a
-step of its own; structid gives them as they are, and interpolates at a step that the user gives. gmprocess refuses most files of
-RENADIC, since two of its formats claim them. ObsPy reads none of the other formats.
+without their mean, to the last of its three decimals, and so are structid's values. gmprocess interpolates the points of a film
+to a step of its own; structid gives them as they are, and interpolates at a step that the user gives. gmprocess refuses most
+files of RENADIC, since two of its formats claim them. ObsPy reads none of the other formats.
 """
     common.write_page(quick, NAME, text)
     print(text)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.data_files.base import FileChannel
 from structid.data_files.inspection import ChannelFacts, compare, comparisons, facts_of
 from structid.data_files.read_file import read_file
@@ -61,6 +62,7 @@ class FileOverview(ShownAsText):
         return "\n".join(lines)
 
 
+@check_arguments
 def look(path: str | os.PathLike[str]) -> FileOverview:
     r"""Show what a data file holds, without a model.
 
@@ -87,7 +89,7 @@ def look(path: str | os.PathLike[str]) -> FileOverview:
     >>> _ = file.write_text("time [s],floor [g]\n" + "".join(f"{0.01 * n:.2f},{n % 7}\n" for n in range(50)))
     >>> print(si.look(file))
     table.csv: text columns, 1 channel
-      1 'floor [g]': g, 100 Hz, 50 samples, 0 to 0.49 s, peak 6 at 0.06 s
+      1 'floor [g]': acceleration in g, 100 Hz, 50 samples, 0 to 0.49 s, peak 6 at 0.06 s
     """
     file = read_file(path)
     channels = file.channels if file.table is None else channels_of_table(file.table)

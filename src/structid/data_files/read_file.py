@@ -12,9 +12,9 @@ from structid.core.units import factor, factor_of, same_dimension
 from structid.data_files import format_list
 from structid.data_files.base import DataFile, FileChannel, FileFormat
 from structid.data_files.file_content import FileContent
-from structid.data_files.tables.column_table import ColumnTable, table_of_rows
-from structid.data_files.tables.dialect import rows_of_text
+from structid.data_files.tables.column_table import ColumnTable
 from structid.data_files.tables.pick_column import Columns, columns_of_table
+from structid.data_files.tables.text_table import table_of_text
 from structid.data_files.unit_spellings import QUANTITIES, check_unit, spelt_unit
 
 TEXT_COLUMNS = "text columns"
@@ -40,7 +40,7 @@ def read_file(path: str | os.PathLike[str]) -> DataFile:
     content = FileContent(path)
     file_format = recognised_format(content)
     if file_format is None:
-        return DataFile(content.path, TEXT_COLUMNS, table=table_of_rows(content.path, list(rows_of_text(content))))
+        return DataFile(content.path, TEXT_COLUMNS, table=table_of_text(content))
     try:
         held = file_format.read(content)
     except InputError as fault:

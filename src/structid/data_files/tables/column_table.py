@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +21,6 @@ _TIME_TITLE = re.compile(
 )
 _BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]")
 _SPECTRUM_TITLE = re.compile(r"^(?:per(?:iod)?|freq(?:uency)?)\b|\bp?s[av]\b|spectr", re.IGNORECASE)
-_DECORATION = re.compile(r"[-=_+|*~\s]{3,}")
 WRAPPED_COLUMNS = 5
 """Number of columns from which a table without titles may be one record that goes on from line to line."""
 
@@ -53,7 +53,14 @@ def _is_time(spelt: str) -> bool:
     return unit is not None and same_dimension(unit, "s")
 
 
-def table_of_rows(path: str, rows: Sequence[Row]) -> ColumnTable:
+class MoreRows(NamedTuple):
+    """Further rows of a table, without words and missing cells, and the numbers of their lines."""
+
+    values: Float[np.ndarray, "row column"]
+    lines: list[int]
+
+
+def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) -> ColumnTable:
     """Make a table: header lines, then rows of numbers; a header that repeats in between begins another block."""
     header: list[Row] = []
     data: list[Row] = []
@@ -74,7 +81,7 @@ def table_of_rows(path: str, rows: Sequence[Row]) -> ColumnTable:
             "numbers",
             "Remove the text after the last value.",
         )
-    step, data = _count_and_step(path, data)
+    step, data = _count_and_step(path, data, 0 if more is None else len(more.lines))
     _check_spectrum(path, header)
     if len(data) < 2:
         raise InputError(path, f"{len(data)} lines of numbers", "two or more lines", _no_numbers(header))
@@ -83,15 +90,20 @@ def table_of_rows(path: str, rows: Sequence[Row]) -> ColumnTable:
         if len(row.cells) != columns:
             _refuse_row(path, row, data)
     values = np.array([[np.nan if cell is None else cell for cell in row.cells] for row in data], dtype=float)
+    lines = [row.line for row in data]
+    if more is not None:
+        values, lines = np.concatenate([values, more.values]), lines + more.lines
     titles, units, title_line = _titles_and_units(header, columns)
     if columns > 1 and np.isnan(values[:, -1]).all() and not titles[-1]:
-        values, titles, units = (
-            values[:, :-1],
-            titles[:-1],
-            units[:-1],
-        )  # a separator behind the last cell of every line
+        # a separator behind the last cell of every line
+        values, titles, units = values[:, :-1], titles[:-1], units[:-1]
     stamp = next((row.stamp for row in data if row.stamp), "")
-    return ColumnTable(path, values, [row.line for row in data], titles, units, title_line, stamp, step)
+    return ColumnTable(path, values, lines, titles, units, title_line, stamp, step)
+
+
+def is_data_row(row: Row) -> bool:
+    """Whether a row holds numbers only."""
+    return all(isinstance(cell, float) for cell in row.cells)
 
 
 def _is_data(row: Row, data: Sequence[Row], header: Sequence[Row]) -> bool:
@@ -142,25 +154,26 @@ def _refuse_row(path: str, row: Row, data: Sequence[Row]) -> None:
     )
 
 
-def _count_and_step(path: str, data: list[Row]) -> tuple[float | None, list[Row]]:
+def _count_and_step(path: str, data: list[Row], more: int) -> tuple[float | None, list[Row]]:
     """Take a first line with the number of values, and perhaps the time step, for what it is.
 
     The line is recognised by its count. A single value that might be a count or a step is refused.
     """
-    if len(data) < 3:
+    if len(data) < 2 or len(data) + more < 3:
         return None, data
     first, rest = data[0].cells, data[1:]
+    count = len(rest) + more
     where = f"{path}, line {data[0].line}"
     shorter = len(first) != len(rest[0].cells)
-    if first[0] == len(rest) and len(first) <= 2 and (shorter or len(first) == 1):
+    if first[0] == count and len(first) <= 2 and (shorter or len(first) == 1):
         step = first[1] if len(first) == 2 and isinstance(first[1], float) else None
         return step, rest
-    if len(first) == 2 and len(rest[0].cells) == 2 and first[0] == len(rest) and first[0] > 2:
+    if len(first) == 2 and len(rest[0].cells) == 2 and first[0] == count and first[0] > 2:
         return (first[1] if isinstance(first[1], float) else None), rest
     if shorter and len(first) <= 2 and len({len(row.cells) for row in rest}) == 1:
         raise InputError(
             where,
-            f"{len(first)} number{'s' if len(first) > 1 else ''}, '{_text(data[0])}', before {len(rest)} lines with "
+            f"{len(first)} number{'s' if len(first) > 1 else ''}, '{_text(data[0])}', before {count} lines with "
             f"{len(rest[0].cells)}",
             "the number of the lines that follow, and perhaps the time step",
             "Correct the line, or remove it and give the time step as dt.",

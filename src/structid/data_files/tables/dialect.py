@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -23,6 +24,14 @@ STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
 _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
+_ANY_LETTER, _DIGIT = re.compile(r"[^\W\d_]"), re.compile(r"\d")
+_DECIMAL_COMMA = re.compile(r"(?<![\d,.])(?:0\d*,|\d{4,},|\d{1,3},(?!\d{3}(?!\d)))")
+"""A comma that separates no group of thousands, as in 0,125 and 12,5."""
+_OTHER_ROLES = re.compile(r",\d*[.,]\d"), re.compile(r"\.\d*,\d")
+"""Two marks in one number, as in 1,234.5, which show their roles."""
+FIRST_LINES, LAST_LINES = 400, 100
+"""Numbers of lines that show how cells are separated."""
+
 _BOTH = re.compile(r"[-+]?\d[\d.,]*(?:[eEdD][-+]?\d+)?")
 _LETTER = re.compile(r"[A-Za-z\u00c0-\u024f]{2,}|\b[A-Za-z]\b")
 
@@ -44,13 +53,9 @@ class Dialect(NamedTuple):
     point: str  # role of a point in a number: "decimal" or "thousands"
 
 
-def rows_of_text(content: FileContent) -> Iterator[Row]:
-    """Split every line of a text file into cells; comment marks are dropped, blank lines left out."""
-    if "\t" not in content.raw.decode("latin-1") and _is_plain(content.lines):
-        yield from _plain_rows(content.lines)
-        return
-    dialect = dialect_of(content)
-    for number, line in enumerate(content.lines, start=1):
+def rows_of_text(content: FileContent, dialect: Dialect, lines: int | None = None) -> Iterator[Row]:
+    """Split the lines of a text file, or the first of them, into cells; comment marks are dropped, blank lines left out."""
+    for number, line in enumerate(content.lines[:lines], start=1):
         text = line.strip(" \r\n")
         if not text.strip():
             continue
@@ -62,34 +67,6 @@ def rows_of_text(content: FileContent) -> Iterator[Row]:
         yield Row(number, [_cell(cell, dialect, content.at(number - 1)) for cell in cells], stamp, text)
 
 
-def _is_plain(lines: Sequence[str]) -> bool:
-    """Whether all lines behind a header have spaces and decimal points only, as most programs write them."""
-    body = [line for line in lines if line.strip()][-200:]
-    return all(re.fullmatch(rf"\s*{_NUMBER}(?:\s+{_NUMBER})*\s*", line) for line in body)
-
-
-def _plain_rows(lines: Sequence[str]) -> Iterator[Row]:
-    """Rows of a file with spaces between numbers."""
-    for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        if not text:
-            continue
-        if text.startswith(("#", "%")):
-            yield Row(number, [text.lstrip("#% \t")], text=text.lstrip("#% \t"))
-            continue
-        text, stamp = _without_stamp(text)
-        try:
-            yield Row(number, [float(word) for word in text.split()], stamp)
-        except ValueError:
-            yield Row(number, [_plain_cell(word) for word in text.split()], stamp, text)
-
-
-def _plain_cell(word: str) -> Cell:
-    if word.lower() in MISSING_WORDS:
-        return None
-    return _float(word)
-
-
 def _without_stamp(text: str) -> tuple[str, str]:
     """Replace a date or a time of day at the start of a line by a zero, and return it."""
     match = STAMP.match(text)
@@ -97,16 +74,33 @@ def _without_stamp(text: str) -> tuple[str, str]:
 
 
 def dialect_of(content: FileContent) -> Dialect:
-    """Find the separator and the role of commas and points from all lines without words."""
-    body = [
-        text
-        for line in content.lines
-        if (text := _without_stamp(line.strip(" \r\n"))[0]) and not _LETTER.search(_numbers_only(text))
-    ]
-    body = [text for text in body if any(ch.isdigit() for ch in text)]
-    separator = _separator(body)
-    cells = [cell.strip() for text in body for cell in split(text, separator)]
-    return Dialect(separator, *_roles(content, [cell for cell in cells if "," in cell or "." in cell]))
+    """Find the separator from the first and last lines without words, and the role of commas and points from all."""
+    lines = content.lines
+    sample = lines if len(lines) <= FIRST_LINES + LAST_LINES else lines[:FIRST_LINES] + lines[-LAST_LINES:]
+    separator = _separator(list(_without_words(sample)))
+    if separator == "," and '"' not in "".join(sample):
+        return Dialect(separator, "none", "decimal")
+    body = list(_without_words(lines))
+    text = "\n".join(body)
+    if "," not in text:
+        return Dialect(separator, "none", "decimal")
+    if separator != "," and _DECIMAL_COMMA.search(text) and not any(roles.search(text) for roles in _OTHER_ROLES):
+        return Dialect(separator, "decimal", "decimal")
+    numbers = _BOTH.findall(text) if separator != "," else [cell for text in body for cell in split(text, ",")]
+    return Dialect(separator, *_roles(content, [number for number in numbers if "," in number or "." in number]))
+
+
+def _without_words(lines: Sequence[str]) -> Iterator[str]:
+    """Return the lines that have digits and no words."""
+    for line in lines:
+        if _ANY_LETTER.search(line) is None:
+            text = _without_stamp(line.strip(" \r\n"))[0]
+        else:
+            text = _without_stamp(line.strip(" \r\n"))[0]
+            if _LETTER.search(_numbers_only(text)):
+                continue
+        if _DIGIT.search(text):
+            yield text
 
 
 def _numbers_only(text: str) -> str:
@@ -189,7 +183,9 @@ def _cell(text: str, dialect: Dialect, where: str) -> Cell:
 
 
 def _float(text: str) -> Cell:
-    """Convert a number; a word stays a word."""
-    if re.fullmatch(_NUMBER, text) is None:
-        return text
-    return float(re.sub("[dD]", "e", text))
+    """Convert a number; a word stays a word, and so do infinities and Python's 1_000."""
+    try:
+        value = float(text)
+    except ValueError:
+        return float(re.sub("[dD]", "e", text)) if re.fullmatch(_NUMBER, text) else text
+    return value if math.isfinite(value) and "_" not in text else text
