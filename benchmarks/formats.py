@@ -154,13 +154,16 @@ def main(quick: bool, folder: Path | None, interpreter: str | None) -> None:
     for path in known:
         by_format[mine[path][0]].append(path)
     rows = []
+    tally: dict[str, dict[str, dict[str, int]]] = {}
     for name, members in sorted(by_format.items()):
         cells = [name, str(len(members)), str(sum(len(mine[path][1]) for path in members))]
-        for reader in others.values():
-            counts = defaultdict(int)
+        tally[name] = {}
+        for other, reader in others.items():
+            counts: dict[str, int] = defaultdict(int)
             for path in members:
                 counts[compared(mine[path][1], reader.get(path, "")) if path in reader else "not read"] += 1
             cells.append(", ".join(f"{counts[kind]} {kind}" for kind in sorted(counts)))
+            tally[name][other] = counts
         ratios = [
             mine[path][2] / seconds[path]
             for path in members
@@ -187,6 +190,8 @@ without their mean, to the last of its three decimals, and so are structid's val
 to a step of its own; structid gives them as they are, and interpolates at a step that the user gives. gmprocess refuses most
 files of RENADIC, since two of its formats claim them. ObsPy reads none of the other formats.
 """
+    agreements = {name: {other: dict(kinds) for other, kinds in counts.items()} for name, counts in tally.items()}
+    common.record_result(NAME, quick=quick, files=len(paths), read=len(known), refused=len(refused), readers=agreements)
     common.write_page(quick, NAME, text)
     print(text)
 

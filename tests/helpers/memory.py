@@ -7,10 +7,10 @@ from pathlib import Path
 
 import jax
 
-LIMIT = 750.0
+LIMIT = 500.0
 """Memory [MB] above which a process gives back what it can."""
 
-GROWTH = 150.0
+GROWTH = 80.0
 """Growth [MB] since the last time before it tries again."""
 
 
