@@ -118,6 +118,32 @@ def test_tdms(tmp_path):
         read_file(tmp_path / "b.tdms")
 
 
+def test_a_time_axis_of_a_tdms_file_in_milliseconds(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    waveform = {"wf_increment": 5.0, "wf_xunit_string": "ms", "unit_string": "m/s^2"}
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("g", "a", VALUES, properties=waveform)])
+    check(tmp_path / "a.tdms")
+    times = nptdms.ChannelObject("g", "Time", 1000.0 * TIMES, properties={"unit_string": "ms"})
+    with nptdms.TdmsWriter(tmp_path / "b.tdms") as writer:
+        writer.write_segment([times, nptdms.ChannelObject("g", "a", VALUES, properties={"unit_string": "m/s^2"})])
+    check(tmp_path / "b.tdms")
+    waveform["wf_xunit_string"] = "Hz"
+    with nptdms.TdmsWriter(tmp_path / "c.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("g", "a", VALUES, properties=waveform)])
+    with pytest.raises(InputError, match="an axis in 'Hz'"):
+        read_file(tmp_path / "c.tdms")
+
+
+def test_a_transposed_matrix_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.stack([TIMES, VALUES]))
+    with pytest.raises(InputError, match=r"the shape \(2, 60\).*Transpose"):
+        read_table(tmp_path / "a.npy")
+    np.save(tmp_path / "b.npy", np.empty(0))
+    with pytest.raises(InputError, match="is empty"):
+        si.look(tmp_path / "b.npy")
+
+
 def test_opensees_recorders(tmp_path):
     """As OpenSees writes them: XML with one element per column, and binary rows that end in a line feed."""
     rows = "".join(f"        {t:g} {a:.17g} \n" for t, a in zip(TIMES, VALUES, strict=True))
@@ -137,6 +163,9 @@ def test_opensees_recorders(tmp_path):
     (tmp_path / "d.bin").write_bytes((tmp_path / "b.bin").read_bytes()[:-3])
     with pytest.raises(InputError, match="a binary file of a format that structid does not know"):
         read_table(tmp_path / "d.bin")
+    (tmp_path / "f.xml").write_text((tmp_path / "a.xml").read_text().replace("0.05 ", "0.05 -nan(ind) ", 1))
+    with pytest.raises(InputError):
+        read_table(tmp_path / "f.xml")
     (tmp_path / "e.xml").write_text((tmp_path / "a.xml").read_text()[:900])
     with pytest.raises(InputError, match="the XML is damaged"):
         read_table(tmp_path / "e.xml")

@@ -100,6 +100,16 @@ def test_a_step_that_the_text_rounds_is_that_of_the_real_valued_header(tmp_path)
         si.GroundMotion.read(written(tmp_path, text.replace(" 0.0125000", " 0.0250000")), component=1)
 
 
+def test_channels_of_a_building_have_their_numbers_at_the_station(tmp_path):
+    """Several recorders of a building each begin with channel 1; the location is no part of the direction."""
+    text, truth = csmip_v2()
+    text = text.replace("Chan  1: 90 Deg\n", "Chan  1: 90 Deg (Sta Chn:  7)        Location: Roof, North Wall\n")
+    text = text.replace("Chan  2: Up\n", "Chan  2:  Up                       Location: Ground Floor\n")
+    file = written(tmp_path, text)
+    assert [(c.number, c.name) for c in read_file(file).channels[::3]] == [(7, "90 Deg"), (2, "Up")]
+    np.testing.assert_allclose(si.GroundMotion.read(file, component="up").values, truth.components["Up"])
+
+
 def test_velocities_of_a_file_are_observations(tmp_path):
     text, _ = csmip_v2()
     file = written(tmp_path, text)

@@ -227,3 +227,94 @@ def test_units_of_accelerations(unit, factor, tmp_path):
     file = written(tmp_path, f"time [s];a [{unit}]\n0.00;1\n0.01;2\n0.02;3\n")
     np.testing.assert_allclose(si.GroundMotion.read(file).values, factor * np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(si.GroundMotion.read(file, unit=unit).values, factor * np.array([1.0, 2.0, 3.0]))
+
+
+def rows(*columns, between=";"):
+    return "\n".join(between.join(f"{v:.3f}" for v in row) for row in zip(*columns, strict=True)) + "\n"
+
+
+N = np.arange(12)
+ACC = np.round(np.sin(1.3 * N), 3)
+MILLISECONDS = 0.2 * N
+
+IN_MILLISECONDS = {
+    "capitals": "TIME (MS);Acc [g]\n",
+    "mixed": "Time (mS);Acc [g]\n",
+    "a comma": "Time, ms;Acc [g]\n",
+    "a slash": "Zeit / ms;Acc [g]\n",
+    "an underscore": "Elapsed_ms;Acc [g]\n",
+    "two words": "Time [milli sec];Acc [g]\n",
+    "in German": "Zeit [Millisekunden];Acc [g]\n",
+    "a row with an unknown unit": "Time;Acc\nms;Xq\n",
+    "a separator behind the titles": "Time [ms];Acc [g];\n",
+    "another line below the titles": "Time [ms];Acc [g]\nStation;Basement\n",
+}
+
+
+@pytest.mark.parametrize("how", IN_MILLISECONDS)
+def test_times_in_milliseconds_are_never_seconds(how, tmp_path):
+    file = written(tmp_path, IN_MILLISECONDS[how] + rows(MILLISECONDS, ACC))
+    assert read_signal(file, "g", column=1).dt == pytest.approx(0.2e-3)
+
+
+@pytest.mark.parametrize("head", ["Time (ms) Acc (g)\n", "sampled every 0.2 ms\n", "Time [xs] Acc [g]\n"])
+def test_titles_of_times_that_cannot_be_understood(head, tmp_path):
+    file = written(tmp_path, head + rows(MILLISECONDS, ACC, between=" "))
+    try:
+        assert read_signal(file, "g", column=1).dt == pytest.approx(0.2e-3)
+    except InputError as refusal:
+        assert "milliseconds" in str(refusal) or "no unit of time" in str(refusal)
+
+
+UNEVEN = np.array([0.01, 0.04, 0.05, 0.10, 0.11, 0.15, 0.16, 0.20, 0.22, 0.25, 0.30, 0.31])
+NEVER = {
+    "uneven times with a step": ("Time [s];Acc [g]\n" + rows(UNEVEN, ACC), {"dt": 0.01}, "usual step"),
+    "descending times with a step": ("Time [s];Acc [g]\n" + rows(0.01 * N[::-1], ACC), {"dt": 0.01}, "line"),
+    "a spectrum": ("Frequency (Hz);Amplitude (g)\n" + rows(0.1 * N, ACC), {}, "spectrum|no time"),
+    "displacements for times": ("Displacement [mm];Acc [g]\n" + rows(0.05 * N, ACC), {}, "'mm'.*is no unit of time"),
+    "the step as the first value": ("0.02\n" + rows(ACC), {"dt": 0.02, "unit": "g"}, "first value, 0.02"),
+    "the rate as the first value": ("100\n" + rows(ACC), {"dt": 0.01, "unit": "g"}, "first value, 100"),
+    "a German thousands point": ("Zeit [s];a [mm/s²]\n0,000;2.000\n0,005;-3.500\n0,010;1.500\n", {}, "may be 2000 or 2.000"),
+    "one column with decimal commas": (
+        "0,10\n-0,25\n0,05\n", {"dt": 0.01, "unit": "g", "column": 0}, "one number with a decimal comma"),
+    "another unit in the last brackets": ("Time [s];Acc (1) [g]\n" + rows(0.01 * N, ACC), {"unit": "m/s^2"}, "the unit 'g"),
+    "a wrapped record of four": (
+        "\n".join(" ".join(f"{v:.6f}" for v in row) for row in np.sin(0.03 * np.arange(400)).reshape(-1, 4)),
+        {"dt": 0.01, "unit": "g", "column": 0},
+        "continue from line to line",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", NEVER)
+def test_what_a_record_is_never_made_of(how, tmp_path):
+    text, arguments, words = NEVER[how]
+    with pytest.raises(InputError, match=words):
+        si.GroundMotion.read(written(tmp_path, text), **arguments)
+
+
+def test_a_sentence_above_the_numbers_is_no_title(tmp_path):
+    """It has as many words as the table has columns, and one of them is a word for the time."""
+    for head in ("# Acceleration time-series\n", "Units: seconds\n"):
+        file = written(tmp_path, head + rows(0.01 * N, ACC, between=" "))
+        np.testing.assert_allclose(si.GroundMotion.read(file, unit="m/s^2").values, ACC)
+
+
+def test_an_integer_behind_a_clock_is_no_fraction_of_a_second(tmp_path):
+    lines = "".join(f"2024-05-01 12:00:{n:02d},{100 + n},{a:.3f}\n" for n, a in enumerate(ACC))
+    file = written(tmp_path, "TIMESTAMP,RECORD,Acc1\n" + lines)
+    np.testing.assert_allclose(si.GroundMotion.read(file, dt=0.02, unit="m/s^2", column="Acc1").values, ACC)
+
+
+def test_moments_are_newton_metres(tmp_path):
+    file = written(tmp_path, "Time [s];M [kNm]\n" + rows(0.01 * N, ACC))
+    np.testing.assert_allclose(read_signal(file, "kN*m", si_unit="N*m").values[:, 0], 1000.0 * ACC)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"dt": 0}, {"dt": -1.0}, {"column": 1.0}, {"component": 1.5}, {"time_column": [1]}, {"unit": 5}]
+)
+def test_arguments_of_the_wrong_type(arguments, tmp_path):
+    file = written(tmp_path, "Time [s];Acc [g]\n" + rows(0.01 * N, ACC))
+    with pytest.raises(InputError):
+        si.GroundMotion.read(file, **arguments)

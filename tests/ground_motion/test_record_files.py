@@ -54,6 +54,46 @@ def test_one_record_in_many_spellings(how, tmp_path):
 
 
 END = "NPTS= 8, DT= .01 SEC\n" + body()
+
+OTHER_UNITS = {
+    "ACCELERATION TIME SERIES IN CM/S/S": 0.01,
+    "Acceleration in cm/s2": 0.01,
+    "Acceleration in m/s^2": 1.0,
+    "ACC IN MM/S2": 0.001,
+    "Acceleration [m/s2]": 1.0,
+    "Acceleration, cm/s/s": 0.01,
+    "ACCELERATION TIME SERIES (GAL)": 0.01,
+    "ACCELERATION TIME HISTORY IN GALS": 0.01,
+    "Corrected acceleration, units cm/s/s": 0.01,
+    "ACCELERATION TIME SERIES IN UNITS OF 0.01 G": 0.01 * G,
+    "Acceleration in g": G,
+}
+
+
+@pytest.mark.parametrize("line", OTHER_UNITS)
+def test_a_unit_without_peers_words_is_read(line, tmp_path):
+    (tmp_path / "r.AT2").write_text(TITLE + line + "\nNPTS= 8, DT= .0100 SEC\n" + body())
+    np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.AT2").values, OTHER_UNITS[line] * VALUES, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "head", ["Force history, kN\n", "displacement mm\n", "# acceleration m/s2\n", "a\nb\nForce, kN\n", ""]
+)
+def test_other_files_with_npts_and_dt_are_not_peers(head, tmp_path):
+    """They are no accelerations in g: refused, without a unit."""
+    (tmp_path / "r.txt").write_text(head + "NPTS= 8, DT= .0100\n" + "\n".join(f"{v:.4f}" for v in VALUES))
+    with pytest.raises(InputError):
+        si.GroundMotion.read(tmp_path / "r.txt")
+
+
+@pytest.mark.parametrize("unit", ["CM", "MM", "M"])
+def test_a_displacement_of_peer(unit, tmp_path):
+    (tmp_path / "r.DT2").write_text(TITLE + f"DISPLACEMENT TIME SERIES IN UNITS OF {unit}\n" + END)
+    record = si.GroundMotion(np.zeros(8), 0.01)
+    read = si.Observation.read(record, tmp_path / "r.DT2", channel="displacement").values[:, 0]
+    np.testing.assert_allclose(read, {"CM": 0.01, "MM": 0.001, "M": 1.0}[unit] * VALUES, rtol=1e-6, atol=1e-12)
+
+
 REFUSED = {
     "velocity": (TITLE + "VELOCITY TIME SERIES IN UNITS OF CM/S\n" + END, None, "holds: velocity.*an acceleration"),
     "velocity, its unit in brackets": (TITLE + "VELOCITY (CM/SEC)\n" + END, None, "holds: velocity.*an acceleration"),

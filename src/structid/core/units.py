@@ -34,6 +34,12 @@ AMBIGUOUS = (
 )
 """Unit names whose meaning in the units library differs from engineering usage: pattern, problem, replacement."""
 
+LONGEST_UNIT = 60
+"""Largest number of characters of a unit."""
+
+_POWER_OF_POWER = re.compile(r"\*\*\s*[-+]?[\d.]+\s*\*\*|\*\*\s*[-+]?\d{3}|\d{30}")
+"""Powers of powers and very large numbers, which a unit does not have and which take long to compute."""
+
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -49,9 +55,11 @@ def _registry() -> Any:
 
 def _clean(unit: str) -> str:
     text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
-    text = re.sub(r"(?<=[A-Za-z])(?=-?[2-9]|-1)", "**", text)  # m/s2, kN/m3; the CF conventions' m s-1
+    text = re.sub(r"(?<=[A-Za-z])(?<!\d[eE])(?=-?[2-9]|-1)", "**", text)  # m/s2, kN/m3; the CF conventions' m s-1
     if not re.search(r"\bper\b", text):
         text = re.sub(r"(?<=[A-Za-z\d])\s+(?=[A-Za-z])", "*", text)
+    # The units library reads Nm as a number metric of textiles; engineers mean newton metres.
+    text = re.sub(r"(?<![A-Za-z])([kMGm]?)Nm(?![A-Za-z])", r"\1N*m", text)
     # A single g means gravity; "kg" and similar units stay as they are.
     return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
 
@@ -68,6 +76,10 @@ def _si_quantity(unit: str) -> Any:
     text = _clean(unit)
     if text in ("", "-", "1"):
         return registry.Quantity(1.0)
+    if len(text) > LONGEST_UNIT or _POWER_OF_POWER.search(text):
+        raise InputError(
+            f"unit '{unit[:40]}'", "this is no unit", "a unit such as 'kN/mm' or 'm/s^2'", "Write a shorter unit."
+        )
     for words, came, allowed in AMBIGUOUS:
         if re.search(rf"(?<![A-Za-z_]){words}(?![A-Za-z_])", text):
             raise InputError(f"unit '{unit}'", came, allowed)

@@ -33,6 +33,7 @@ class FileChannel:
     dt: float | None = None  # time step [s]
     times: Float[np.ndarray, " time"] | None = None  # times of the samples [s], if the step is not constant
     start: float = 0.0  # time of the first sample in the time base of the file [s]
+    counted: bool = False  # whether the file has no times, so that they are the numbers of the samples
     quantity: str = ""  # a key of QUANTITIES, or empty
     clock: str = ""  # date and time of the first sample, as the file states them
     where: str = ""  # file and line at which the values begin

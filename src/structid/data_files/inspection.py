@@ -98,7 +98,7 @@ def stretches(marked: Bool[np.ndarray, " time"]) -> Iterator[tuple[int, int]]:
 
 def zero_gaps(values: Float[np.ndarray, " time"], dt: float) -> Iterator[tuple[int, int]]:
     """Return the stretches of exact zeros next to large values."""
-    near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
+    near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST) if dt > 0.0 else len(values)
     peak = np.abs(values).max()
     for begin, end in stretches(values == 0.0):
         around = np.concatenate([values[max(begin - near, 0) : begin], values[end : end + near]])
@@ -154,7 +154,7 @@ def _missing(values: np.ndarray, times: np.ndarray) -> list[Finding]:
 
 def _steps(channel: FileChannel, times: np.ndarray) -> list[Finding]:
     """Report jumps in uneven times."""
-    if channel.times is None or len(times) < 3:
+    if channel.times is None or len(times) < 3 or channel.counted:
         return []
     steps = np.diff(times)
     usual = float(np.median(steps))

@@ -101,7 +101,7 @@ def look(path: str | os.PathLike[str]) -> FileOverview:
 def described(facts: ChannelFacts) -> str:
     """Return one line about a channel: number, name, quantity, unit, rate, length, peak."""
     channel = facts.channel
-    rate = "uneven steps" if facts.dt is None else f"{1.0 / facts.dt:.6g} Hz"
+    rate = f"{1.0 / facts.dt:.6g} Hz" if facts.dt else "no time step" if channel.counted else "uneven steps"
     unit = channel.unit.lstrip("?") or "no unit"
     quantity = f"{channel.quantity} in {unit}" if channel.quantity else unit
     end = channel.start + facts.length
@@ -114,9 +114,10 @@ def described(facts: ChannelFacts) -> str:
 def channels_of_table(table: ColumnTable) -> list[FileChannel]:
     """Return the columns of a table as channels; their numbers are those of the columns, from 0."""
     time, step, times = time_axis(table)
+    others = table.time_columns()  # a table may have several columns of times; none of them is a measurement
     channels = []
     for column in range(table.values.shape[1]):
-        if column == time:
+        if column == time or column in others:
             continue
         spelt = table.units[column]
         unit = (spelt_unit(spelt) or "") if spelt else ""
@@ -129,6 +130,7 @@ def channels_of_table(table: ColumnTable) -> list[FileChannel]:
                 dt=step,
                 times=times,
                 start=first_time(table, time),
+                counted=times is not None and time is None,
                 quantity=quantity_of(unit),
                 where=table.at(0),
             )

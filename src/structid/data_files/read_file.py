@@ -17,6 +17,9 @@ from structid.data_files.tables.pick_column import Columns, columns_of_table
 from structid.data_files.tables.text_table import table_of_text
 from structid.data_files.unit_spellings import QUANTITIES, check_unit, spelt_unit
 
+FEWEST_SAMPLES = 2
+"""Smallest number of samples of a history."""
+
 TEXT_COLUMNS = "text columns"
 
 
@@ -43,6 +46,8 @@ def read_file(path: str | os.PathLike[str]) -> DataFile:
         return DataFile(content.path, TEXT_COLUMNS, table=table_of_text(content))
     try:
         held = file_format.read(content)
+        if isinstance(held, ColumnTable) and len(held.values) < FEWEST_SAMPLES:
+            raise InputError(content.path, f"{len(held.values)} samples", "two or more samples", "Save the file again.")
     except InputError as fault:
         raise InputError(
             fault.where, f"in this {file_format.name} file, {fault.came}", fault.allowed, fault.cure
@@ -79,6 +84,7 @@ def read_signal(
 
     `si_unit` is the SI unit of the wanted quantity, or None for any. Unit and step that are given must agree with the file's.
     """
+    _check_choices(dt, unit, column=column, time_column=time_column, component=component)
     file = read_file(path)
     if file.table is not None:
         if component is not None:
@@ -95,6 +101,17 @@ def read_signal(
     channel = pick_channel(file, si_unit, component)
     step, values = _at_constant_step(channel, dt)
     return Columns(channel.start, step, (values * _factor(file, channel, unit, si_unit))[:, None])
+
+
+def _check_choices(dt: object, unit: object, **choices: object) -> None:
+    """Refuse a step, a unit or a choice of the wrong type."""
+    if unit is not None and not isinstance(unit, str):
+        raise InputError("unit", f"{unit!r}", "a string such as 'kN'", "Write the unit in quotes.")
+    if dt is not None and not (isinstance(dt, (int, float)) and 0.0 < dt < np.inf):
+        raise InputError("dt", f"{dt!r}", "a positive time step in seconds", "Give the step, such as dt=0.01.")
+    for name, choice in choices.items():
+        if choice is not None and (isinstance(choice, bool) or not isinstance(choice, (int, str, np.integer))):
+            raise InputError(name, f"{choice!r}", "a number or a name", f"Give one, such as {name}=1.")
 
 
 def _factor(file: DataFile, channel: FileChannel, unit: str | None, si_unit: str | None) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from structid.core.errors import InputError
 from structid.core.units import factor, same_dimension
 
@@ -29,6 +31,16 @@ UNITS = {
     **{spelt: "inch/s" for spelt in ("in/s", "in/sec")},
     "in": "inch",
     "inches": "inch",
+    "cm": "cm",
+    "mm": "mm",
+    "m": "m",
+    "newton": "N",
+    "newtons": "N",
+    "n-m": "N*m",
+    "kn-m": "kN*m",
+    "volt": "V",
+    "volts": "V",
+    "lbs": "pound",
     "sec": "s",
     "secs": "s",
     "seconds": "s",
@@ -43,7 +55,9 @@ def spelt_unit(text: str) -> str | None:
     word = text.strip().strip(".,;")
     if not word or word in ("-", "1"):
         return None
-    unit = UNITS.get(word.lower(), word)
+    unit = {"KN": "kN", "KNm": "kN*m", "Mpa": "MPa", "Kgf": "kgf"}.get(word) or UNITS.get(word.lower(), word)
+    if not re.search("[A-Za-z%°]", unit):
+        return None
     try:
         factor(unit)
     except InputError:

@@ -11,8 +11,8 @@ from structid.data_files.file_content import FileContent, table
 from structid.data_files.time_axis import constant_step
 from structid.data_files.unit_spellings import QUANTITIES, spelt_unit
 
-_TITLES = re.compile(r"^\s*[#%]\s*time\s*\(\s*s(?:ec)?\s*\)((?:\s+[\w-]+\s*\([^)]*\)){3})\s*$", re.IGNORECASE)
-_TITLE = re.compile(r"([\w-]+)\s*\(([^)]*)\)")
+_TITLES = re.compile(r"^\s*[#%]\s*time\s*\(\s*s(?:ec)?\s*\)((?:\s+[\w.-]+\s*\([^)]*\)){3})\s*$", re.IGNORECASE)
+_TITLE = re.compile(r"([\w.-]+)\s*\(([^)]*)\)")
 
 
 def recognises(content: FileContent) -> bool:

@@ -23,7 +23,7 @@ RECORDED_STEP, RECORDED_LENGTH = 33, 34
 """The same of the recording, before it was processed [s]."""
 MICROVOLTS_PER_COUNT, VOLTS_PER_G = 21, 41
 
-_FIRST_LINE = re.compile(r"\(\s*format\s+v?\s*\d+\.\d+\s+with\s+(\d+)\s+text lines\s*\)", re.IGNORECASE)
+_FIRST_LINE = re.compile(r"\(\s*format\s+v?\s*0?1\.2\d*\s+with\s+(\d+)\s+text lines\s*\)", re.IGNORECASE)
 _CODE = re.compile(r"units\s*=[^,]*\(\s*(\d+)\s*\)", re.IGNORECASE)
 _STAGE = {0: "raw", 1: "uncorrected", 2: "corrected", 3: "response spectra"}
 

@@ -24,7 +24,7 @@ _V2_HEADER_LINES, _V2_REALS, _V2_STEP = 13, 100, 60
 """Lines of V2's real-valued header, its values, and the index of the time step among them."""
 
 _CLOCK = r"(?:start|trigger) time:\s*(.*?)\s*(?:\(|$)"
-_CHANNEL = r"^\s*chan\.?\s*(\d+)\s*:\s*(.*?)\s*(?:\(|from\b|$)"
+_CHANNEL = r"^\s*chan\.?\s*(\d+)\s*:\s*(.*?)\s*(?:\(|from\b|location|\s{3}|$)"
 _POINTS_V1 = (
     r"^\s*(\d+)\s+(?:accelerogram points at\s+([\d.]+)\s+pts/sec in units of\s+"
     r"|points of accel data equally spaced at\s+([\d.]+)\s+sec\.?\s+\(units:\s*)g\b"
@@ -67,9 +67,10 @@ def read(content: FileContent) -> list[FileChannel]:
 
 
 def _name(content: FileContent, start: int) -> tuple[int, str]:
-    """Return number and direction of a channel."""
-    _, match = content.require("channel, 'Chan 1: 90 Deg'", _CHANNEL, start, start + 10)
-    return int(match.group(1)), match.group(2)
+    """Return number and direction of a channel; the number at the station counts if it is there."""
+    line, match = content.require("channel, 'Chan 1: 90 Deg'", _CHANNEL, start, start + 10)
+    station = re.search(r"sta chn\s*:\s*(\d+)", content.line(line), re.IGNORECASE)
+    return int(station.group(1) if station is not None else match.group(1)), match.group(2)
 
 
 def _clock(content: FileContent, start: int) -> str:

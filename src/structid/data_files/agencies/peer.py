@@ -16,15 +16,26 @@ _HEADER_LINES = 8
 _NUMBER = r"(\d*[.,]?\d+(?:[eEdD][-+]?\d+)?|\d+[.,])"
 _COUNT = re.compile(r"NPTS\s*[=:]\s*(\d+)", re.IGNORECASE)
 _STEP = re.compile(rf"\bDT\s*[=:]\s*{_NUMBER}\s*(MSEC|MS\b|MILLISEC)?", re.IGNORECASE)
-_OLD_HEADER = re.compile(rf"^\s*(\d+)\s+{_NUMBER}\s+.*NPTS\s*,\s*DT", re.IGNORECASE)
+_OLD_HEADER = re.compile(rf"^\s*(\d+)\s+{_NUMBER}\s+.*NPTS\s*,?\s*DT\b", re.IGNORECASE)
 _UNIT = re.compile(
-    r"(?:\bIN\s+)?\bUNITS?\s*(?:OF|ARE(?:\s+IN)?|IN|[:=])\s*[(\[]?\s*(%?[A-Za-z][\w*/^]*)|\(\s*((?:c|m)?m/s\w*[\w*/^]*|cm|g)\s*\)",
+    r"(?:\bIN\s+)?\bUNITS?\s*(?:OF|ARE(?:\s+IN)?|IN|[:=])\s*[(\[]?\s*(\d*\.?\d+\s+)?(%?[A-Za-z][\w*/^²]*)",
     re.IGNORECASE,
 )
-"""A unit, as in ACCELERATION TIME SERIES IN UNITS OF G; a name of a station is read only if nothing else is there."""
+"""A stated unit, as in ACCELERATION TIME SERIES IN UNITS OF G."""
+
+_BARE_UNIT = re.compile(
+    r"(?<![A-Za-z/])((?:[cm]?m|in|ft)/s(?:ec)?(?:/s(?:ec)?|\*\*2|\^2|2|²)?|gals?|%g)(?![\w/])"
+    r"|(?:\bin\s+|[(\[]\s*)([cm]m|g)\b",
+    re.IGNORECASE,
+)
+"""A unit without the word, as in ACCELERATION (CM/SEC/SEC)."""
+
+_PEER_WORDS = re.compile(r"PEER|STRONG.MOTION|ACCEL|PACIFIC", re.IGNORECASE)
+_TITLE_LINES = 2
+"""Lines above count and step in a file of PEER."""
 
 _QUANTITY = re.compile(
-    r"\b(ACC(?:ELERATION)?|VEL(?:OCITY)?|DISP(?:LACEMENT)?)\.?\s*(?:TIME\s+(?:SERIES|HISTORY)|DATA|\(|\[|,|(?:IN\s+)?UNITS)",
+    r"\b(ACC(?:ELERATION)?|VEL(?:OCITY)?|DISP(?:LACEMENT)?)\.?\s*(?:TIME\s+(?:SERIES|HISTORY)|DATA|\(|\[|,|(?:IN\s+)?UNITS|IN\b)",
     re.IGNORECASE,
 )
 _QUANTITIES = {"acc": "acceleration", "vel": "velocity", "dis": "displacement"}
@@ -33,12 +44,14 @@ _SUFFIXES = {".at2": "acceleration", ".vt2": "velocity", ".dt2": "displacement"}
 
 
 def recognises(content: FileContent) -> bool:
-    """Whether the first lines give a count and a step as PEER does, or the file's name ends as PEER's."""
+    """Whether count and step follow two title lines as in PEER's files, or the file's name ends as PEER's."""
     lines = content.lines[:_HEADER_LINES]
     named = any(content.path.lower().endswith(suffix) for suffix in _SUFFIXES)
-    old = any(_OLD_HEADER.search(line) for line in lines)
-    both = any(_COUNT.search(line) for line in lines) and any(_STEP.search(line) for line in lines)
-    return named or old or both
+    old = any(_OLD_HEADER.search(line) for line in lines[_TITLE_LINES:])
+    count, step = ({n for n, line in enumerate(lines) if pattern.search(line)} for pattern in (_COUNT, _STEP))
+    both = bool(count and step) and min(count | step) >= _TITLE_LINES
+    commented = any(line.lstrip().startswith(("#", "%")) for line in lines)
+    return named or ((old or both) and not commented)
 
 
 def read(content: FileContent) -> list[FileChannel]:
@@ -61,9 +74,15 @@ def read(content: FileContent) -> list[FileChannel]:
             dt=check_step(content.at(last), step),
             quantity=quantity,
             where=content.at(last + 1),
-            usual_unit=_USUAL_UNITS[quantity],
+            usual_unit=_USUAL_UNITS[quantity] if _is_of_peer(content, header) else "",
         )
     ]
+
+
+def _is_of_peer(content: FileContent, header: list[str]) -> bool:
+    """Whether name or header are PEER's, so that a missing unit is PEER's."""
+    named = any(content.path.lower().endswith(suffix) for suffix in _SUFFIXES)
+    return named or _PEER_WORDS.search("\n".join(header)) is not None
 
 
 def _count_and_step(content: FileContent) -> tuple[int, float, int]:
@@ -104,13 +123,14 @@ def _unit(header: list[str]) -> str:
         match = _UNIT.search(line)
         if match is None:
             continue
-        spelt = match.group(1) or match.group(2)
+        spelt = match.group(2)
         unit = UNITS.get(spelt.lower()) or (spelt_unit(spelt) if _QUANTITY.search(line) or ":" in line else None)
         if unit is not None:
-            return unit
+            return f"{match.group(1).strip()} {unit}" if match.group(1) else unit
         if _QUANTITY.search(line):
             return f"?{spelt}"  # an unknown unit: the user must give it
-    return ""
+    bare = next((found for line in header if (found := _BARE_UNIT.search(line)) is not None), None)
+    return UNITS.get((bare.group(1) or bare.group(2)).lower(), "") if bare is not None else ""
 
 
 def _decimal(word: str) -> float:

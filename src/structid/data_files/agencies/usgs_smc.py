@@ -17,6 +17,8 @@ _TEXT_LINES, _INTEGERS, _REALS = 11, 48, 50
 _PER_LINE, _WIDTH = 8, 10
 _VERTICAL, _AZIMUTH, _COMMENTS, _VALUES = 12, 13, 15, 16
 """Indices in the integer-valued header: orientation, number of comment lines, number of values."""
+_PRECISION, _HIGH_PRECISION = 46, 8
+"""Index of the number of significant digits, and its value for columns of 14 characters."""
 _RATE, _LARGEST, _SMALLEST = 1, 29, 31
 """Indices in the real-valued header: samples per second, largest and smallest value."""
 
@@ -52,7 +54,8 @@ def read(content: FileContent) -> list[FileChannel]:
         )
     if count % 2 and pairs:
         raise InputError(where, f"{count} values in pairs", "an even number of values", "Download the file again.")
-    values, after = fixed_width(content, line, count, _PER_LINE, _WIDTH)
+    per_line, width = (5, 14) if integers[_PRECISION] == _HIGH_PRECISION else (_PER_LINE, _WIDTH)
+    values, after = fixed_width(content, line, count, per_line, width)
     surplus = pairs and bool(content.line(after).strip())  # these files repeat the end of a buffer in one more line
     content.refuse_rest(after + 1 if surplus else after)
     quantity, unit = QUANTITIES[kind]

@@ -14,6 +14,9 @@ from structid.data_files.base import FileFormat, optional_library
 from structid.data_files.file_content import FileContent
 from structid.data_files.tables.column_table import ColumnTable
 
+FEWEST_ROWS = 20
+"""Number of samples below which a matrix with more columns than rows is probably transposed."""
+
 _STEP_NAMES = ("dt", "delta_t", "time_step")
 _RATE_NAMES = ("fs", "sampling_rate", "sample_rate", "sampling_frequency")
 
@@ -84,6 +87,8 @@ def _table(content: FileContent, variables: Mapping[str, Any]) -> ColumnTable:
         array = np.asarray(value)
         if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
             continue
+        if array.size == 0:
+            raise InputError(content.path, f"'{name or 'the array'}' is empty", "two or more samples", "Save it again.")
         if array.size == 1:
             step = _step(name, float(array.reshape(-1)[0]), step)
             continue
@@ -94,6 +99,13 @@ def _table(content: FileContent, variables: Mapping[str, Any]) -> ColumnTable:
                 f"'{name}' has the shape {array.shape}",
                 "vectors, or matrices (time, channel)",
                 "Save one matrix.",
+            )
+        if array.shape[1] > array.shape[0] and array.shape[0] < FEWEST_ROWS:
+            raise InputError(
+                content.path,
+                f"'{name or 'the array'}' has the shape {array.shape}",
+                "a matrix (time, channel)",
+                "Transpose it, so that each channel is a column.",
             )
         columns.extend(np.asarray(array, dtype=float).T)
         titles.extend(

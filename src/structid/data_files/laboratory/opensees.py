@@ -45,8 +45,13 @@ def read_xml(content: FileContent) -> ColumnTable:
             "as many values per line as titles",
             "Run the analysis again.",
         )
-    first = content.raw[: content.raw.index(b"<Data>")].count(b"\n") + 2
-    values = np.array(lines, dtype=float)
+    first = content.raw[: content.raw.index(b"<Data")].count(b"\n") + 2
+    try:
+        values = np.array(lines, dtype=float)
+    except ValueError as cause:
+        raise InputError(
+            content.path, f"a value is no number: {cause}", "numbers", "The analysis has diverged."
+        ) from None
     return ColumnTable(content.path, values, list(range(first, first + len(values))), titles, [""] * len(titles), 1)
 
 

@@ -11,17 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.errors import InputError
-from structid.core.units import same_dimension
 from structid.data_files.tables.dialect import Row
-from structid.data_files.unit_spellings import UNITS, spelt_unit
+from structid.data_files.tables.titles import is_time, seconds_of, titles_and_units
 
-_TIME_TITLE = re.compile(
-    r"^(?:(?:running|elapsed|total|test|abs\w*|rel\w*)[ _]+)?(?:time|t|zeit|temps?|tiempo|tempo|secs?|seconds)\b",
-    re.IGNORECASE,
-)
-_BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]")
 _SPECTRUM_TITLE = re.compile(r"^(?:per(?:iod)?|freq(?:uency)?)\b|\bp?s[av]\b|spectr", re.IGNORECASE)
-WRAPPED_COLUMNS = 5
+WRAPPED_COLUMNS = 4
 """Number of columns from which a table without titles may be one record that goes on from line to line."""
 
 
@@ -37,20 +31,25 @@ class ColumnTable:
     title_line: int = 0  # number of the line with the titles, from 1; 0 without titles
     stamp: str = ""  # a date or a time of day in the first column
     step: float | None = None  # time step in a first line with count and step [s]
+    header: str = ""  # the text above the numbers
 
     def at(self, row: int) -> str:
         """Name the file and the line of a row, for messages."""
         return f"{self.path}, line {self.lines[row]}"
 
     def time_columns(self) -> list[int]:
-        """Return the columns whose titles or units say that they are times."""
-        named = [n for n, title in enumerate(self.titles) if _TIME_TITLE.match(title)]
-        return named or [n for n, unit in enumerate(self.units) if unit and _is_time(unit)]
+        """Return the columns whose titles say that they are times, or else those whose units do."""
+        named = [n for n, title in enumerate(self.titles) if is_time(title) and not self._is_other_quantity(n)]
+        return named or [n for n, unit in enumerate(self.units) if unit and seconds_of(unit) is not None]
 
-
-def _is_time(spelt: str) -> bool:
-    unit = spelt_unit(spelt)
-    return unit is not None and same_dimension(unit, "s")
+    def _is_other_quantity(self, column: int) -> bool:
+        """Whether a column with the title t or T has a unit that is no time, such as a temperature."""
+        unit = self.units[column]
+        return (
+            self.titles[column][:1] in "tT"
+            and len(self.titles[column].split("[")[0].split("(")[0].strip()) == 1
+            and bool(unit and seconds_of(unit) is None)
+        )
 
 
 class MoreRows(NamedTuple):
@@ -81,6 +80,8 @@ def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) 
             "numbers",
             "Remove the text after the last value.",
         )
+    if len(data) > 1 and data[0].stamp and not data[1].stamp:
+        header.append(data.pop(0))  # a date above the numbers
     step, data = _count_and_step(path, data, 0 if more is None else len(more.lines))
     _check_spectrum(path, header)
     if len(data) < 2:
@@ -93,12 +94,13 @@ def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) 
     lines = [row.line for row in data]
     if more is not None:
         values, lines = np.concatenate([values, more.values]), lines + more.lines
-    titles, units, title_line = _titles_and_units(header, columns)
+    titles, units, title_line = titles_and_units(header, columns)
     if columns > 1 and np.isnan(values[:, -1]).all() and not titles[-1]:
         # a separator behind the last cell of every line
-        values, titles, units = values[:, :-1], titles[:-1], units[:-1]
+        values = values[:, :-1]
+        titles, units, title_line = titles_and_units(header, columns - 1)
     stamp = next((row.stamp for row in data if row.stamp), "")
-    return ColumnTable(path, values, lines, titles, units, title_line, stamp, step)
+    return ColumnTable(path, values, lines, titles, units, title_line, stamp, step, _header_text(header))
 
 
 def is_data_row(row: Row) -> bool:
@@ -131,8 +133,8 @@ def _check_block(path: str, again: Sequence[Row], header: Sequence[Row], data: S
     if not again:
         return
     columns = len(data[0].cells)
-    titles, units, _ = _titles_and_units(header, columns)
-    if any(titles) and _titles_and_units(again, columns)[:2] == (titles, units) and len(row.cells) == columns:
+    titles, units, _ = titles_and_units(header, columns)
+    if any(titles) and titles_and_units(again, columns)[:2] == (titles, units) and len(row.cells) == columns:
         return
     strange = next((line for line in again if _words(line)), again[0])
     word = (_words(strange) or [_text(strange)])[0]
@@ -198,49 +200,19 @@ def _check_spectrum(path: str, header: Sequence[Row]) -> None:
             )
 
 
+def _header_text(header: Sequence[Row]) -> str:
+    return "\n".join(row.text or _text(row) for row in header)
+
+
 def _no_numbers(header: Sequence[Row]) -> str:
-    """Remedy for a file without a table."""
+    """Remedy for a file without a table: name a cell that is no number in a line that has some."""
+    nearly = max(header, key=lambda row: sum(isinstance(cell, float) for cell in row.cells), default=None)
+    if nearly is not None and any(isinstance(cell, float) for cell in nearly.cells) and _words(nearly):
+        return (
+            f"Line {nearly.line} has the word '{_words(nearly)[0]}'. Dates must be written as 2026-12-31 12:00:00 in the first "
+            "column; remove columns of words."
+        )
     return "If the file has one of the formats of a network, it is damaged." if len(header) > 5 else ""
-
-
-def _titles_and_units(header: Sequence[Row], columns: int) -> tuple[list[str], list[str], int]:
-    """Return titles and units of the columns from the last header lines that have as many cells as the table."""
-    lines = [(row.line, cells) for row in header if (cells := _header_cells(row, columns)) is not None]
-    none = [""] * columns
-    if not lines:
-        return none, none, 0
-    number, last = lines[-1]
-    plain = [cell.strip("()[]{} ") for cell in last]
-    if (
-        any(plain)
-        and all(not cell or cell == "-" or spelt_unit(cell) is not None for cell in plain)
-        and not any(_TIME_TITLE.match(c) and c.lower() not in UNITS for c in plain)
-    ):
-        titles = lines[-2][1] if len(lines) > 1 else none
-        return titles, [cell if cell != "-" else "" for cell in plain], lines[-2][0] if len(lines) > 1 else number
-    units = [match.group(1) if (match := _BRACKETED.search(title)) else _unit_behind(title) for title in last]
-    return last, units, number
-
-
-def _unit_behind(title: str) -> str:
-    """Return the unit behind the word for the time, as in time_ms."""
-    match = re.match(r"^(?:time|t)[ _](ms|msec|s|sec|us|min)$", title.strip(), re.IGNORECASE)
-    return match.group(1) if match else ""
-
-
-def _header_cells(row: Row, columns: int) -> list[str] | None:
-    """Split a header line into as many cells as the table has columns, if that is possible."""
-    words = ["" if cell is None else f"{cell:g}" if isinstance(cell, float) else cell for cell in row.cells]
-    if not any(re.search("[A-Za-z%\u00b0]", word) for word in words):
-        return None
-    if len(words) == columns:
-        return [word.strip() for word in words]
-    text = row.text or " ".join(words)
-    for pattern in (r"\t", ";", ",", r"\s{2,}", r"\s+"):
-        cells = [cell.strip() for cell in re.split(pattern, text.strip())]
-        if len(cells) == columns:
-            return cells
-    return None
 
 
 def is_wrapped(values: Float[np.ndarray, "row column"]) -> bool:

@@ -17,7 +17,7 @@ Cell = float | str | None
 MISSING_WORDS = frozenset({"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "-nan", "null", "none", "*", "**", "***"})
 """Cells that stand for a missing value, in lower case."""
 
-_DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?Z?"
+_DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:\.\d+|,\d+(?=[;\t\s]))?)?Z?"
 STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
 """A date, a time of day, or both, at the start of a line."""
 
@@ -79,15 +79,34 @@ def dialect_of(content: FileContent) -> Dialect:
     sample = lines if len(lines) <= FIRST_LINES + LAST_LINES else lines[:FIRST_LINES] + lines[-LAST_LINES:]
     separator = _separator(list(_without_words(sample)))
     if separator == "," and '"' not in "".join(sample):
+        _refuse_single_decimal_commas(content, sample)
         return Dialect(separator, "none", "decimal")
     body = list(_without_words(lines))
     text = "\n".join(body)
     if "," not in text:
         return Dialect(separator, "none", "decimal")
-    if separator != "," and _DECIMAL_COMMA.search(text) and not any(roles.search(text) for roles in _OTHER_ROLES):
+    if (
+        separator != ","
+        and "." not in text
+        and _DECIMAL_COMMA.search(text)
+        and not any(roles.search(text) for roles in _OTHER_ROLES)
+    ):
         return Dialect(separator, "decimal", "decimal")
     numbers = _BOTH.findall(text) if separator != "," else [cell for text in body for cell in split(text, ",")]
     return Dialect(separator, *_roles(content, [number for number in numbers if "," in number or "." in number]))
+
+
+def _refuse_single_decimal_commas(content: FileContent, sample: Sequence[str]) -> None:
+    """Refuse lines such as ``0,10``, which may be one number or two, in a file that does not show which."""
+    body = [line.strip() for line in _without_words(sample)]
+    titles = any("," in line for line in sample if _ANY_LETTER.search(line))
+    if body and not titles and all(re.fullmatch(r"[-+]?\d+,\d+", line) for line in body):
+        raise InputError(
+            content.path,
+            f"'{body[0]}' may be one number with a decimal comma, or two numbers",
+            "lines whose comma has one meaning",
+            "Export the file with decimal points, or with semicolons between the columns.",
+        )
 
 
 def _without_words(lines: Sequence[str]) -> Iterator[str]:
@@ -155,6 +174,14 @@ def _roles(content: FileContent, cells: Sequence[str]) -> tuple[str, str]:
     grouped = [bool(_THOUSANDS.fullmatch(cell)) for cell in comma_only]
     if any(cell.count(",") > 1 for cell in comma_only) or (point_only and all(grouped)):
         return "thousands", "decimal"
+    thousands = [cell for cell in point_only if re.fullmatch(r"[-+]?[1-9]\d{0,2}(\.\d{3})+", cell)]
+    if thousands and len(thousands) == len(point_only):
+        raise InputError(
+            content.path,
+            f"the number '{thousands[0]}' may be {thousands[0].replace('.', '')} or {thousands[0]}, beside '{comma_only[0]}'",
+            "numbers whose point has one meaning",
+            "Export the file with decimal points and without thousands separators.",
+        )
     if all(grouped):
         raise InputError(
             content.path,
@@ -177,7 +204,11 @@ def _cell(text: str, dialect: Dialect, where: str) -> Cell:
         if dialect.comma == "decimal" and dialect.point == "thousands":
             text = text.replace(".", "")
         text = text.replace(",", "" if dialect.comma == "thousands" else ".")
-    elif dialect.point == "thousands" and re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", text):
+    elif dialect.point == "thousands" and "." in text and _BOTH.fullmatch(text):
+        if re.fullmatch(r"[-+]?[1-9]\d{0,2}(\.\d{3})+", text) is None:
+            raise InputError(
+                where, f"the number '{text}'", "thousands in groups of three digits", "Correct the number."
+            )
         text = text.replace(".", "")
     return _float(text)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,8 +12,11 @@ from jaxtyping import Float
 from structid.core.errors import InputError
 from structid.core.units import factor, factor_of, same_dimension
 from structid.data_files.tables.column_table import ColumnTable, is_wrapped
+from structid.data_files.tables.titles import time_factor
 from structid.data_files.time_axis import constant_step
 from structid.data_files.unit_spellings import check_unit, spelt_unit
+
+_MILLISECONDS = re.compile(r"(?<![A-Za-z])(?:ms|msec)(?![A-Za-z])|milli", re.IGNORECASE)
 
 
 class Columns(NamedTuple):
@@ -45,7 +49,8 @@ def columns_of_table(
     columns = [first, *others]
     for index in columns:
         _check_index(table, index)
-    if table.title_line == 0 and is_wrapped(table.values):
+    told = any(table.units) or bool(table.time_columns())
+    if not told and is_wrapped(table.values):
         _refuse_wrapped(table)
     if time is not None and time in columns:
         raise InputError(table.at(0), f"column {time} is the time", "a column of values", "Give another column.")
@@ -80,6 +85,13 @@ def values_of_column(
 ) -> Float[np.ndarray, " row"]:
     """Return one column in SI, without regard to times."""
     index = _index(table, column, "column")
+    if index in table.time_columns():
+        raise InputError(
+            table.at(0),
+            f"column {index}, '{table.titles[index]}', is the time",
+            "a column of values",
+            "Name another column.",
+        )
     values = table.values[:, [index]]
     _refuse_gaps(table, values, [index])
     return values[:, 0] * _factor(table, [index], unit, si_unit)
@@ -124,6 +136,7 @@ def _time_column(table: ColumnTable, dt: float | None, given: int | str | None) 
         names = ", ".join(f"'{table.titles[n] or n}'" for n in named)
         raise InputError(table.path, f"{len(named)} columns of times: {names}", "one", "Name it: time_column=0.")
     if named:
+        _check_named_time(table, named[0])
         return named[0]
     if dt is not None or table.step is not None:
         return None
@@ -132,6 +145,17 @@ def _time_column(table: ColumnTable, dt: float | None, given: int | str | None) 
     if table.title_line == 0:
         _check_first_is_time(table)
     return 0
+
+
+def _check_named_time(table: ColumnTable, column: int) -> None:
+    """Refuse a column that a title calls the time if it does not increase, but the first one does by a constant step."""
+    if column and not (np.diff(table.values[:, column]) > 0.0).all() and _is_regular(table.values[:, 0]):
+        raise InputError(
+            f"{table.path}, line {table.title_line}",
+            f"'{table.titles[column]}' is above column {column}, which does not increase, but column 0 does",
+            "one title above each column",
+            "Name the column of the times: time_column=0.",
+        )
 
 
 def _check_first_is_time(table: ColumnTable) -> None:
@@ -183,7 +207,7 @@ def _only_column(table: ColumnTable, time: int | None, dt: float | None, others:
         free = [n for n in range(columns) if n != time]
         allowed = f"column={free[0]} to {free[-1]}, since column {time} is the time"
         titles = ", ".join(f"{n} '{table.titles[n]}'" for n in free if table.titles[n])
-        if is_wrapped(table.values) and table.title_line == 0:
+        if is_wrapped(table.values) and not any(table.units):
             allowed = "one value per line"
         raise InputError(
             where,
@@ -216,7 +240,10 @@ def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> t
     if time is None or table.stamp:
         step = dt if dt is not None else table.step
         assert step is not None
+        _check_no_header_value(table, step)
         return 0.0, step
+    if table.step is not None and dt is None:
+        dt = table.step
     if dt is not None:
         return _given_step(table, time, dt)
     times = table.values[:, time]
@@ -230,26 +257,46 @@ def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> t
     return float(times[0] * seconds), step
 
 
+def _check_no_header_value(table: ColumnTable, step: float) -> None:
+    """Refuse a single column that begins with the time step, the rate or the number of the values."""
+    if table.values.shape[1] > 1:
+        return
+    first, count = float(table.values[0, 0]), len(table.values)
+    if first in (step, count - 2) or (first >= 10.0 and abs(first * step - 1.0) < 1e-9):
+        raise InputError(
+            table.at(0),
+            f"the first value, {first:g}, is the time step, the rate, or the number of the values",
+            "values only",
+            "Remove the line, or put the number and the step into one line: '4000 0.01'.",
+        )
+
+
 def _given_step(table: ColumnTable, time: int, dt: float) -> tuple[float, float]:
     """Return the first time and the given step, which must agree with a regular time column."""
     times = table.values[:, time] * _seconds(table, time)
-    if _is_regular(times):
-        printed = constant_step(times, table.at)
-        if abs(printed / dt - 1.0) > 1e-3:
-            raise InputError(
-                table.at(1),
-                f"the column of the times increases by {printed:.6g} s, but dt={dt:g} is given",
-                "one time step",
-                "Leave dt out. If the times are not in seconds, write their unit into the title, as in 'time [ms]'.",
-            )
-        return 0.0, dt
+    printed = constant_step(times, table.at, rounding=0.5 * dt)
+    if abs(printed / dt - 1.0) > 1e-3:
+        raise InputError(
+            table.at(1),
+            f"the column of the times increases by {printed:.6g} s, but dt={dt:g} is given",
+            "one time step",
+            "Leave dt out. If the times are not in seconds, write their unit into the title, as in 'time [ms]'.",
+        )
     return 0.0, dt
 
 
 def _seconds(table: ColumnTable, time: int) -> float:
     """Return the factor that converts the times to seconds, by the unit in the title."""
-    unit = spelt_unit(table.units[time]) if table.units[time] else None
-    return factor(unit) if unit is not None and same_dimension(unit, "s") else 1.0
+    where = f"{table.path}, line {table.title_line}" if table.title_line else table.path
+    seconds = time_factor(where, table.titles[time], table.units[time])
+    if not table.titles[time] and not table.units[time] and _MILLISECONDS.search(table.header):
+        raise InputError(
+            table.at(0),
+            "the lines above the numbers mention milliseconds, but are no titles of the columns",
+            "a line with one title for each column",
+            "Write the titles into one line, as in 'time [ms];force [kN]'.",
+        )
+    return seconds
 
 
 def _refuse_gaps(table: ColumnTable, values: Float[np.ndarray, "row column"], columns: Sequence[int]) -> None:
