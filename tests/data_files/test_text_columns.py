@@ -318,3 +318,47 @@ def test_arguments_of_the_wrong_type(arguments, tmp_path):
     file = written(tmp_path, "Time [s];Acc [g]\n" + rows(0.01 * N, ACC))
     with pytest.raises(InputError):
         si.GroundMotion.read(file, **arguments)
+
+
+def each(form):
+    return "".join(form.format(n=n) for n in range(9))
+
+
+LOGGERS = {
+    "TOA5": (
+        '"TOA5","st","CR6","1","2","3","4","T"\n"TIMESTAMP","RECORD","Acc1","Acc2"\n"TS","RN","g","g"\n"","","Smp","Smp"\n'
+        + each('"2024-05-01 12:00:0{n}",{n},0.{n},1.{n}\n'),
+        {"dt": 0.02, "column": "Acc1"},
+    ),
+    "date and clock in two columns": (
+        "Datum;Zeit;A [g]\n" + each("01.05.2024;12:00:0{n},00;0,{n}\n"),
+        {"dt": 0.02, "column": 2},
+    ),
+    "an American date": ("Time,A [g]\n" + each("05/01/2024 12:00:0{n}.01 PM,0.{n}\n"), {"dt": 0.02, "column": 1}),
+    "a time zone": ("Time,A [g]\n" + each("2024-05-01T12:00:0{n}+02:00,0.{n}\n"), {"dt": 0.02, "column": 1}),
+    "a column of words": ("t [s];a [g];state\n" + each("0.0{n};0.{n};OK\n"), {"column": 1}),
+    "a comment at the end": ("t [s];a [g]\n" + each("0.0{n};0.{n}\n") + "# end\n", {}),
+    "lines of separators at the end": ("t [s];a [g]\n" + each("0.0{n};0.{n}\n") + ";\n;;\n", {}),
+    "a temperature": ("Zeitpunkt;a [g];T [\u00b0C]\n" + each("0.0{n};0.{n};2{n}.0\n"), {"column": 1}),
+    "an empty first title": ("\ta [g]\n" + each("{n}\t0.{n}\n"), {"dt": 1.0, "column": 1}),
+    "a date above the titles": ("2024-05-01\nTime [s];A [g]\n" + each("0.0{n};0.{n}\n"), {}),
+    "a function": ("t [s];a(t) [g]\n" + each("0.0{n};0.{n}\n"), {}),
+    "a direction": ("t [s];Acc (N) [g]\n" + each("0.0{n};0.{n}\n"), {}),
+    "a typographic minus": ("t [s];a [g]\n" + each("0.0{n};\u22120.{n}\n").replace("\u22120.0", "0.0"), {"sign": -1.0}),
+}
+
+
+@pytest.mark.parametrize("how", LOGGERS)
+def test_files_of_loggers(how, tmp_path):
+    text, arguments = LOGGERS[how]
+    arguments = dict(arguments)
+    sign = arguments.pop("sign", 1.0)
+    values = read_signal(written(tmp_path, text), si_unit="m/s^2", **arguments).values[:, 0]
+    np.testing.assert_allclose(values, sign * 0.1 * 9.80665 * np.arange(9), atol=1e-12)
+
+
+def test_thousands_with_spaces_between_cells(tmp_path):
+    text = "t F\n0.00 1,234.5\n0.01 -2,000.0\n0.02 3.0\n"
+    np.testing.assert_allclose(read_signal(written(tmp_path, text), "N").values[:, 0], [1234.5, -2000.0, 3.0])
+    text = "t [s];F [N]\n0,00;3\u202f100,5\n0,01;-2\u00a0000,0\n0,02;3,0\n"
+    np.testing.assert_allclose(read_signal(written(tmp_path, text)).values[:, 0], [3100.5, -2000.0, 3.0])

@@ -54,6 +54,9 @@ class FileContent:
             text = self.raw.decode("utf-16") if marked else self._text.decode("utf-8-sig")
         except UnicodeDecodeError:
             text = self.raw.decode("utf-16", errors="replace") if marked else self._text.decode("latin-1")
+        if "\u2212" in text or "\u202f" in text or "\u00a0" in text:
+            # typographic minus signs, and spaces between thousands
+            text = re.sub("(?<=\\d)[\u202f\u00a0](?=\\d{3})", "", text.replace("\u2212", "-"))
         # Lines of files copied between systems may end in \r\r\n; only \n counts as the end of a line.
         lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
         if not any(line.strip() for line in lines):

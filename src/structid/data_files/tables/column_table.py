@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -64,11 +65,13 @@ def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) 
     header: list[Row] = []
     data: list[Row] = []
     again: list[Row] = []  # header lines of a later block
-    for row in rows:
+    for row in rows if any(is_data_row(row) for row in rows) else _without_text_columns(rows):
         if _is_data(row, data, header):
             _check_block(path, again, header, data, row)
             again = []
             data.append(row)
+        elif data and row.comment:
+            continue
         elif data:
             again.append(row)
         else:
@@ -80,6 +83,8 @@ def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) 
             "numbers",
             "Remove the text after the last value.",
         )
+    while len(data) > 1 and not any(isinstance(cell, float) for cell in data[-1].cells):
+        data.pop()  # lines of separators at the end, as spreadsheets write them
     if len(data) > 1 and data[0].stamp and not data[1].stamp:
         header.append(data.pop(0))  # a date above the numbers
     step, data = _count_and_step(path, data, 0 if more is None else len(more.lines))
@@ -103,6 +108,21 @@ def table_of_rows(path: str, rows: Sequence[Row], more: MoreRows | None = None) 
     return ColumnTable(path, values, lines, titles, units, title_line, stamp, step, _header_text(header))
 
 
+def _without_text_columns(rows: Sequence[Row]) -> list[Row]:
+    """Make the words of columns of words, such as a state or an event, missing values, if every line has one."""
+    counts = Counter(len(row.cells) for row in rows if any(isinstance(cell, float) for cell in row.cells))
+    usual = counts.most_common(1)[0][0] if counts else 0
+    body = [row for row in rows if len(row.cells) == usual and any(isinstance(cell, float) for cell in row.cells)]
+    words = {n for n in range(usual) if sum(isinstance(row.cells[n], str) for row in body) > 0.5 * len(body)}
+    changed = {id(row) for row in body}
+    return [
+        row._replace(cells=[None if n in words else cell for n, cell in enumerate(row.cells)])
+        if id(row) in changed
+        else row
+        for row in rows
+    ]
+
+
 def is_data_row(row: Row) -> bool:
     """Whether a row holds numbers only."""
     return all(isinstance(cell, float) for cell in row.cells)
@@ -115,6 +135,8 @@ def _is_data(row: Row, data: Sequence[Row], header: Sequence[Row]) -> bool:
     """
     if any(isinstance(cell, str) for cell in row.cells):
         return False
+    if row.stamp and len(row.cells) == 1 and not data:
+        return False  # a date above the titles
     if any(isinstance(cell, float) for cell in row.cells):
         return True
     return bool(data) or not any(_words(earlier) for earlier in header)

@@ -17,8 +17,11 @@ Cell = float | str | None
 MISSING_WORDS = frozenset({"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "-nan", "null", "none", "*", "**", "***"})
 """Cells that stand for a missing value, in lower case."""
 
-_DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:\.\d+|,\d+(?=[;\t\s]))?)?Z?"
-STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
+_DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{4})"
+_CLOCK = (
+    r"\d{1,2}:\d{2}(?::\d{2}(?:\.\d+|,\d+(?=[;\t\s]))?)?(?:\s?[AaPp]\.?[Mm]\.?(?![A-Za-z])|Z|[+-]\d{2}:?\d{2}(?!\d))?"
+)
+STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK}|"?[;,\t]"?{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
 """A date, a time of day, or both, at the start of a line."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?"
@@ -43,6 +46,7 @@ class Row(NamedTuple):
     cells: list[Cell]
     stamp: str = ""  # a date or a time of day in the first cell
     text: str = ""  # the line, for titles
+    comment: bool = False  # whether a comment mark begins the line
 
 
 class Dialect(NamedTuple):
@@ -60,7 +64,7 @@ def rows_of_text(content: FileContent, dialect: Dialect, lines: int | None = Non
         if not text.strip():
             continue
         if text.startswith(("#", "%")):
-            yield Row(number, [text.lstrip("#% \t")], text=text.lstrip("#% \t"))
+            yield Row(number, [text.lstrip("#% \t")], text=text.lstrip("#% \t"), comment=True)
             continue
         text, stamp = _without_stamp(text)
         cells = split(text, dialect.separator)
@@ -70,14 +74,18 @@ def rows_of_text(content: FileContent, dialect: Dialect, lines: int | None = Non
 def _without_stamp(text: str) -> tuple[str, str]:
     """Replace a date or a time of day at the start of a line by a zero, and return it."""
     match = STAMP.match(text)
-    return (text, "") if match is None else (f"0{text[match.end() :]}", match[1])
+    if match is None:
+        return text, ""
+    between = re.search(r"[;,\t]", match[1])  # a date and a time of day in two cells
+    zero = "0" if between is None else f"0{between[0]}0"
+    return f"{zero}{text[match.end() :]}", match[1]
 
 
 def dialect_of(content: FileContent) -> Dialect:
     """Find the separator from the first and last lines without words, and the role of commas and points from all."""
     lines = content.lines
     sample = lines if len(lines) <= FIRST_LINES + LAST_LINES else lines[:FIRST_LINES] + lines[-LAST_LINES:]
-    separator = _separator(list(_without_words(sample)))
+    separator = _separator(list(_without_words(sample)) or [line for line in sample if _DIGIT.search(line)])
     if separator == "," and '"' not in "".join(sample):
         _refuse_single_decimal_commas(content, sample)
         return Dialect(separator, "none", "decimal")
@@ -140,7 +148,9 @@ def _separator(body: Sequence[str]) -> str:
     words = [text.split() for text in bare]
     decimal = all(all(_MAYBE_DECIMAL_COMMA.fullmatch(word) for word in line) for line in words)
     several = any(len(line) > 1 for line in words)
-    return " " if decimal and several else ","
+    # Thousands, as in "0.01 1,234.5": both marks in a word.
+    numbers = all(all(_BOTH.fullmatch(word) and not word.endswith(",") for word in line) for line in words)
+    return " " if several and (decimal or numbers) else ","
 
 
 def split(text: str, separator: str) -> list[str]:
