@@ -114,8 +114,9 @@ def test_tdms(tmp_path):
     np.testing.assert_allclose(force.values[:, 0], 1000.0 * VALUES)
     with nptdms.TdmsWriter(tmp_path / "b.tdms") as writer:
         writer.write_segment(channels[4:])
-    with pytest.raises(InputError, match="no waveform increment and no channel of times"):
-        read_file(tmp_path / "b.tdms")
+    with pytest.raises(InputError, match="no time step in the file"):
+        read_signal(tmp_path / "b.tdms", "m/s^2")
+    check(tmp_path / "b.tdms", unit="m/s^2", dt=0.005)
 
 
 def test_a_time_axis_of_a_tdms_file_in_milliseconds(tmp_path):

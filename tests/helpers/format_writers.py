@@ -285,6 +285,19 @@ def cwa() -> tuple[str, Truth]:
     return text, Truth({name: signs[k] * values[:, k] / 100.0 for k, name in enumerate("UNE")}, 0.02)
 
 
+def csmnc() -> tuple[str, Truth]:
+    a = np.array([float(fixed_e(v, 12, 6, 1)) for v in 100.0 * motion(1600, 171)])
+    peak = a[np.abs(a).argmax()]
+    text = "065JZC120103153901\n0120103153957 2012-01-03 15:39:57 BTM\nEARTHQUAKE\nEPICENTER  39.9N 77.3E DEPTH 9 KM\n"
+    text += "MAGNITUDE  4.0(Ms)\nSTATION: 65JZC 39.7N 77.6E\nSITE CONDITION: SOIL\nINSTRUMENT TYPE: ETNA/ES-T\n"
+    text += "OBSERVING POINT: GROUND\nCOMP. EW\nUNCORRECTED ACCELERATION          UNIT: CM/SEC/SEC\n"
+    text += "NO. OF POINTS:   1600  EQUALLY SPACED INTERVALS OF:  0.005  SEC\n"
+    text += f"PEAK VALUE: {peak:10.3f}   AT    4.00 SEC    DURATION:   8 SEC\n"
+    text += "PRE-EVENT TIME:  20  SEC  RECORDER TIME:  2012-01-3 15:39:44.000 BTM\nCSMNC\n\n"
+    text += "\n".join("".join(fixed_e(v, 12, 6, 1) + " " for v in a[n : n + 8]) for n in range(0, 1600, 8)) + "\n"
+    return text, Truth({"EW": a / 100.0}, 0.005)
+
+
 def esm() -> tuple[str, Truth]:
     a = np.round(100.0 * motion(800, 131), 6)
     text = "EVENT_NAME: GREECE\nSTATION_NAME: Fire unit of Athens\nSAMPLING_INTERVAL_S: 0.005000\nNDATA: 800\n"
@@ -341,6 +354,7 @@ CASES = {
     "NSMN": Case(nsmn, "NSMN", {}),
     "UNAM": Case(unam, "UNAM", {}),
     "CWA": Case(cwa, "CWA", {}),
+    "CSMNC": Case(csmnc, "CSMNC", {}),
     "ESM": Case(esm, "ESM", {}),
     "PEER": Case(peer, "PEER", {}),
     "SIGMA": Case(sigma, "SIGMA", {}),

@@ -171,6 +171,24 @@ def numbers(content: FileContent, start: int, stop: int | None = None) -> Float[
     return np.array(values)
 
 
+def spaced_numbers(content: FileContent, start: int, per_line: int, width: int) -> Float[np.ndarray, " value"]:
+    """Read numbers of a fixed width, of which the last character is a space; only the last line may have fewer."""
+    last = len(content.lines)
+    while last > start and not content.line(last - 1).strip():
+        last -= 1
+    for index in range(start, last):
+        line = content.line(index).rstrip()
+        count = len(line.split())
+        if len(line) != count * width - 1 or not (count == per_line or (index == last - 1 and count < per_line)):
+            raise InputError(
+                content.at(index),
+                f"{count} numbers in {len(line)} characters",
+                f"{per_line} in {per_line * width - 1}",
+                "Download the file again, since lines are damaged.",
+            )
+    return numbers(content, start, last)
+
+
 def table(content: FileContent, start: int, columns: int, stop: int | None = None) -> Float[np.ndarray, "time column"]:
     """Read lines with a given number of values each; blank lines at the end do not count."""
     last = len(content.lines) if stop is None else stop

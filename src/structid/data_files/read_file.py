@@ -154,6 +154,10 @@ def _at_constant_step(channel: FileChannel, dt: float | None) -> tuple[float, np
             )
         return channel.dt, channel.values
     assert channel.times is not None
+    if channel.counted:
+        if dt is None:
+            raise InputError(channel.where, "no time step in the file", "a time step", "Give it: dt=0.01.")
+        return dt, channel.values
     steps = np.diff(channel.times)
     usual = float(np.median(steps))
     if dt is None:

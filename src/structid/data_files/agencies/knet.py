@@ -6,7 +6,7 @@ import re
 
 from structid.core.errors import InputError
 from structid.data_files.base import FileChannel, FileFormat, check_count, check_peak, check_step, last_digit
-from structid.data_files.file_content import FileContent, number, numbers
+from structid.data_files.file_content import FileContent, number, spaced_numbers
 
 _HEADER_LINES, _PER_LINE, _WIDTH = 17, 8, 9
 _SCALE = re.compile(r"([\d.]+)\s*\(gal\)\s*/\s*([\d.]+)", re.IGNORECASE)
@@ -40,8 +40,7 @@ def read(content: FileContent) -> list[FileChannel]:
             "Download the file again.",
         )
     frequency = number(re.sub("hz$", "", header["Sampling Freq(Hz)"], flags=re.IGNORECASE), where)
-    _check_lines(content)
-    counts = numbers(content, _HEADER_LINES)
+    counts = spaced_numbers(content, _HEADER_LINES, _PER_LINE, _WIDTH)
     step = check_step(where, 1.0 / frequency if frequency else 0.0)
     duration = number(header["Duration Time(s)"], where)
     check_count(where, f"{duration:g} s at {frequency:g} Hz", round(duration * frequency), counts.size)
@@ -63,23 +62,6 @@ def read(content: FileContent) -> list[FileChannel]:
     )
     check_peak(channel, number(header["Max. Acc. (gal)"], where), last_digit(header["Max. Acc. (gal)"]))
     return [channel]
-
-
-def _check_lines(content: FileContent) -> None:
-    """Refuse lines without eight counts, each with eight characters and a space; the last line may have fewer."""
-    lines = [line.rstrip() for line in content.lines[_HEADER_LINES:]]
-    while lines and not lines[-1]:
-        lines.pop()
-    for index, line in enumerate(lines, start=_HEADER_LINES):
-        counts = len(line.split())
-        last = index == _HEADER_LINES + len(lines) - 1
-        if len(line) != counts * _WIDTH - 1 or not (counts == _PER_LINE or (last and counts < _PER_LINE)):
-            raise InputError(
-                content.at(index),
-                f"{counts} counts in {len(line)} characters",
-                f"{_PER_LINE} in {_PER_LINE * _WIDTH - 1}",
-                "Download the file again, since lines are damaged.",
-            )
 
 
 FORMAT = FileFormat("K-NET or KiK-net", recognises, read)

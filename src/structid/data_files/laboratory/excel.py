@@ -23,7 +23,7 @@ def read(content: FileContent) -> ColumnTable:
     openpyxl = optional_library(content, "openpyxl", "an Excel workbook", "laboratory")
     try:
         book = openpyxl.load_workbook(io.BytesIO(content.raw), read_only=True, data_only=True)
-        sheets = {name: _rows(book[name]) for name in book.sheetnames}
+        sheets = {sheet.title: _rows(sheet) for sheet in book.worksheets}
     except Exception as cause:
         raise InputError(
             content.path, f"openpyxl cannot read it: {cause}", "an xlsx workbook", "Save it again."
@@ -55,6 +55,8 @@ def _cell(value: Any) -> Cell:
         return None
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
+    if isinstance(value, datetime.timedelta):
+        return value.total_seconds()
     return 0.0 if isinstance(value, (datetime.datetime, datetime.time)) else str(value).strip()
 
 

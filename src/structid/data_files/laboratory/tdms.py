@@ -10,11 +10,11 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.data_files.base import FileChannel, FileFormat, check_step, optional_library
 from structid.data_files.file_content import FileContent
-from structid.data_files.tables.titles import seconds_of
+from structid.data_files.tables.titles import is_time, seconds_of
 from structid.data_files.time_axis import constant_step
 from structid.data_files.unit_spellings import spelt_unit
 
-_TIME_NAMES = ("time", "t", "timestamp")
+_TIME_NAMES = ("timestamp", "time stamp")
 
 
 def recognises(content: FileContent) -> bool:
@@ -33,7 +33,7 @@ def read(content: FileContent) -> list[FileChannel]:
         ) from cause
     channels: list[FileChannel] = []
     for group in groups:
-        times = next((c for c in group.channels() if c.name.strip().lower() in _TIME_NAMES), None)
+        times = next((c for c in group.channels() if is_time(c.name) or c.name.lower() in _TIME_NAMES), None)
         for channel in group.channels():
             if channel is not times and len(channel) and np.issubdtype(np.asarray(channel[:]).dtype, np.number):
                 channels.append(_channel(content, group, channel, times, len(channels) + 1))
@@ -50,14 +50,12 @@ def _channel(content: FileContent, group: Any, channel: Any, times: Any, number:
     if not step and times is not None and len(times) == len(channel):
         seconds = _times(times, where)
         step, start = constant_step(seconds, lambda n: f"{where}, sample {n}"), float(seconds[0])
-    if not step:
-        raise InputError(
-            where,
-            "no waveform increment and no channel of times",
-            "a time step",
-            "Export the channel with its time axis.",
-        )
     values = np.asarray(channel[:], dtype=float)
+    if not step:
+        samples = np.arange(len(values), dtype=float)
+        return FileChannel(
+            channel.name, values, spelt_unit(unit) or "", number, times=samples, counted=True, where=where
+        )
     return FileChannel(
         channel.name, values, spelt_unit(unit) or "", number, check_step(where, float(step)), start=start, where=where
     )

@@ -14,7 +14,27 @@ from structid.data_files.file_content import FileContent
 Cell = float | str | None
 """A cell of a table: a number, a word, or None for a missing value."""
 
-MISSING_WORDS = frozenset({"", "-", "--", "---", "na", "n/a", "#n/a", "nan", "-nan", "null", "none", "*", "**", "***"})
+MISSING_WORDS = frozenset(
+    {
+        "",
+        "-",
+        "--",
+        "---",
+        "na",
+        "n/a",
+        "#n/a",
+        "nan",
+        "-nan",
+        "null",
+        "none",
+        "*",
+        "**",
+        "***",
+        "-nan(ind)",
+        "1.#qnan",
+        "-1.#ind",
+    }
+)
 """Cells that stand for a missing value, in lower case."""
 
 _DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{4})"
