@@ -17,6 +17,7 @@ FOLDER = "reference/names"
 
 TOPICS = {
     "ground_motion": "Records and other excitations",
+    "data_files": "Measurements",
     "observation": "Measurements",
     "probability": "Parameters and priors",
     "models": "Models",
