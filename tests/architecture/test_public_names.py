@@ -38,3 +38,13 @@ def test_help_lists_them():
 def test_the_package_says_that_it_is_typed():
     """`make lint` checks the stub itself against the modules."""
     assert STUB.with_name("py.typed").is_file()
+
+
+def test_every_public_name_has_a_topic_on_the_site():
+    """The site is built late and elsewhere; a room without a topic stops it."""
+    source = (Path(__file__).parents[2] / "docs" / "_ext" / "public_names.py").read_text()
+    assigned = {node.targets[0].id: node.value for node in ast.parse(source).body if isinstance(node, ast.Assign)}
+    topics = ast.literal_eval(assigned["TOPICS"])
+    for name, module in structid._PUBLIC.items():
+        rooms = [module.rsplit(".", n)[0] for n in range(module.count(".") + 1)]
+        assert set(rooms) & set(topics), f"{name}: no room of {module} is in TOPICS"
