@@ -68,7 +68,7 @@ def test_a_new_study_from_files_reads_them(folder):
     assert 'file = "site.V2"' in text and text.count("[[observation]]") == 2 and "MY_RECORD" not in text
     assert 'column = 1\nchannels = ["displacement"]' in text and 'column = 2\nchannels = ["restoring_force"]' in text
     checked = structid("check", "mine.toml", cwd=folder)
-    assert checked.returncode == 2 and "samples, but the record has 640" in checked.stderr + checked.stdout
+    assert checked.returncode == 2 and "lasts 10 s, the record 8 s" in checked.stderr + checked.stdout
     refused = structid("new", "other", "--like", "hybrid", "--from", "site.V2", cwd=folder)
     assert refused.returncode == 2 and "--like measured" in refused.stderr
     refused = structid("new", "other", "--from", "floors.csv", cwd=folder)

@@ -187,11 +187,14 @@ def test_a_measured_file_of_another_length_or_step(tmp_path):
     np.savetxt(tmp_path / "v.csv", np.column_stack([time, np.sin(time)]), delimiter=",")
     assert np.allclose(load(tmp_path / "m.toml").posterior.observations[0].values[:, 0], np.sin(time) * 1e-3)
     np.savetxt(tmp_path / "v.csv", np.column_stack([time[:-1], np.sin(time[:-1])]), delimiter=",")
-    with pytest.raises(si.InputError, match="600 samples, but the record has 601"):
+    with pytest.raises(si.InputError, match=r"lasts 6 s, the record 6.01 s.*time_shift"):
         load(tmp_path / "m.toml")
     np.savetxt(tmp_path / "v.csv", np.column_stack([2 * time, np.sin(time)]), delimiter=",")
-    with pytest.raises(si.InputError, match=r"time step of 0.02 s, but the record has 0.01"):
+    with pytest.raises(si.InputError, match=r"lasts 12.02 s, the record 6.01 s.*time_shift"):
         load(tmp_path / "m.toml")
+    (tmp_path / "m.toml").write_text(text.replace('unit = "mm/s"', 'unit = "mm/s"\ntime_shift = "0 s"'))
+    (observation,) = load(tmp_path / "m.toml").posterior.observations
+    assert observation.dt == pytest.approx(0.02) and len(observation.values) == 301 and observation.left_out == (0, 300)
 
 
 def load_small(tmp_path):

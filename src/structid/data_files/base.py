@@ -14,6 +14,7 @@ from structid.core.errors import InputError
 from structid.core.units import factor
 from structid.data_files.file_content import FileContent
 from structid.data_files.tables.column_table import ColumnTable
+from structid.data_files.unit_spellings import spelt_unit
 
 PEAK_TOLERANCE = 2e-3
 """Relative difference below which a peak agrees with the peak in the header."""
@@ -39,6 +40,11 @@ class FileChannel:
     where: str = ""  # file and line at which the values begin
     usual_unit: str = ""  # the unit of the format if neither the file nor the user gives one
     notes: tuple[str, ...] = ()  # what was done to the values, or seems wrong in the header
+
+    @property
+    def has_unit(self) -> bool:
+        """Whether the file states a physical unit; counts of a digitizer are none."""
+        return bool(self.unit) and self.unit not in ("counts", "count") and spelt_unit(self.unit) is not None
 
     @property
     def in_si(self) -> Float[np.ndarray, " time"]:
@@ -88,6 +94,31 @@ def unread(what: str, cure: str) -> Callable[[FileContent], list[FileChannel]]:
         raise InputError(content.path, f"{what}", "a history of samples", cure)
 
     return refuse
+
+
+def channel_blocks(
+    content: FileContent,
+    read_block: Callable[[int, int], tuple[list[FileChannel], int]],
+    end: str = "",
+    end_required: bool = False,
+) -> list[FileChannel]:
+    """Read blocks of channels up to the end of a file.
+
+    `read_block` takes the first line of a block and its number from 1; it returns the channels and the line behind the block.
+    A line with the pattern `end` may end a block, or must.
+    """
+    channels: list[FileChannel] = []
+    index = number = 0
+    while index < len(content.lines) and content.line(index).strip():
+        number += 1
+        more, index = read_block(index, number)
+        channels.extend(more)
+        if end_required:
+            index = content.require("end of a channel, '/&'", end, index, index + 1)[0] + 1
+        elif end and (line := content.find(end, index, index + 1)) is not None:
+            index = line[0] + 1
+    content.refuse_rest(index)
+    return channels
 
 
 def check_count(where: str, declared: str, count: int, values: int) -> None:

@@ -41,9 +41,8 @@ class FileOverview(ShownAsText):
     >>> import structid as si
     >>> file = pathlib.Path(tempfile.mkdtemp()) / "table.csv"
     >>> _ = file.write_text("time [s],floor [g]\n" + "".join(f"{0.01 * n:.2f},{n % 7}\n" for n in range(50)))
-    >>> overview = si.look(file)
-    >>> overview.format, overview.channels[0].channel.unit, overview.channels[0].dt
-    ('text columns', 'g', 0.01)
+    >>> si.look(file).channels[0].dt
+    0.01
     """
 
     path: str

@@ -79,17 +79,19 @@ def read_signal(
     others: Sequence[int] = (),
     time_column: int | str | None = None,
     component: str | int | None = None,
+    gaps: bool = False,
 ) -> Columns:
     """Return one signal of a file in SI; `column` names a column of a table, `component` a channel of another format.
 
-    `si_unit` is the SI unit of the wanted quantity, or None for any. Unit and step that are given must agree with the file's.
+    With `gaps`, values may be missing; they are NaN. `si_unit` is the SI unit of the wanted quantity, or None for any. Unit and
+    step that are given must agree with the file's.
     """
     _check_choices(dt, unit, column=column, time_column=time_column, component=component)
     file = read_file(path)
     if file.table is not None:
         if component is not None:
             column = component if column is None else column
-        return columns_of_table(file.table, unit, dt, column, si_unit, others, time_column)
+        return columns_of_table(file.table, unit, dt, column, si_unit, others, time_column, gaps)
     for name, given in (("column", column), ("time_column", time_column), ("sd_column", others or None)):
         if given is not None:
             raise InputError(
@@ -116,7 +118,7 @@ def _check_choices(dt: object, unit: object, **choices: object) -> None:
 
 def _factor(file: DataFile, channel: FileChannel, unit: str | None, si_unit: str | None) -> float:
     """Return the factor of a channel to SI from its own unit or a given one; both must agree."""
-    known = _has_unit(channel)
+    known = channel.has_unit
     if unit is not None:
         if known:
             check_unit(channel.where, channel.unit, channel.unit, unit)
@@ -136,10 +138,6 @@ def _factor(file: DataFile, channel: FileChannel, unit: str | None, si_unit: str
             "Give it as the argument unit.",
         )
     return factor(channel.unit)
-
-
-def _has_unit(channel: FileChannel) -> bool:
-    return bool(channel.unit) and spelt_unit(channel.unit) is not None and channel.unit not in ("counts", "count")
 
 
 def _at_constant_step(channel: FileChannel, dt: float | None) -> tuple[float, np.ndarray]:
@@ -202,7 +200,7 @@ def _is_of(channel: FileChannel, si_unit: str | None) -> bool:
         return True
     if channel.quantity:
         return same_dimension(QUANTITIES[channel.quantity], si_unit)
-    return not _has_unit(channel) or same_dimension(channel.unit, si_unit)
+    return not channel.has_unit or same_dimension(channel.unit, si_unit)
 
 
 def _is(channel: FileChannel, component: str | int) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from structid.core.errors import InputError
 
@@ -28,7 +28,28 @@ def constant_step(times: Float[np.ndarray, " time"], at: Callable[[int], str], r
     if step <= 0.0 or deviation > max(ROUNDED_TIME * step, min(2.0 * rounding, 0.45 * step)):
         raise _irregular(times, at)
     # All times together give the step more precisely than one difference. The error is twice the rounding of the end times.
-    resolution = max(2.0 * deviation / (times.size - 1), 1e-12 * step)
+    return _simplest_step(step, max(2.0 * deviation / (times.size - 1), 1e-12 * step))
+
+
+def step_with_gaps(times: Float[np.ndarray, " row"], at: Callable[[int], str]) -> tuple[float, Int[np.ndarray, " row"]]:
+    """Return the step [s] of printed times of which some are missing, and the sample of each row.
+
+    Times that are no multiples of the usual step are refused.
+    """
+    usual = float(np.median(np.diff(times)))
+    if usual <= 0.0:
+        raise _irregular(times, at)
+    # The multiples are rounded one by one, since an error of the usual step adds up along a record.
+    samples = np.concatenate([[0], np.cumsum(np.rint(np.diff(times) / usual).astype(int))])
+    step = float(times[-1] - times[0]) / max(int(samples[-1]), 1)
+    deviation = float(np.abs(times - times[0] - step * samples).max())
+    if (np.diff(samples) < 1).any() or deviation > ROUNDED_TIME * step:
+        raise _irregular(times, at)
+    return _simplest_step(step, max(2.0 * deviation / samples[-1], 1e-12 * step)), samples
+
+
+def _simplest_step(step: float, resolution: float) -> float:
+    """Return the step that was probably printed, a fraction with a small denominator, within a resolution."""
     simplest = _simplest_fraction(Fraction(step - resolution), Fraction(step + resolution))
     return float(simplest) if simplest.denominator <= LARGEST_DENOMINATOR else float(f"{step:.9g}")
 
@@ -43,7 +64,8 @@ def _irregular(times: np.ndarray, at: Callable[[int], str]) -> InputError:
         at(index),
         f"time {times[index]:.9g} s follows {times[index - 1]:.9g} s, but the usual step is {usual:.6g} s",
         "times that increase by a constant step",
-        "Resample the record to a constant step first. If numbers have decimal commas, separate the columns by semicolons.",
+        "Resample the record to a constant step first. If lines are missing in a measurement, set missing = 'leave_out'. If "
+        "numbers have decimal commas, separate the columns by semicolons.",
     )
 
 

@@ -49,6 +49,15 @@ UNITS = {
 }
 """Units by their spellings in headers and titles, in lower case."""
 
+TIME_UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunde", "sekunden"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millisec", "millisecond", "milliseconds", "millisekunden"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "microsec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
+}
+"""Seconds by the spelling of a unit of time, in lower case and without spaces and points."""
+
 
 def spelt_unit(text: str) -> str | None:
     """Return the unit that a text spells, or None if it spells none."""
@@ -63,6 +72,11 @@ def spelt_unit(text: str) -> str | None:
     except InputError:
         return None
     return unit
+
+
+def seconds_of(unit: str) -> float | None:
+    """Return the seconds of a unit of time; None if it is none. ``MS`` and ``mS`` are milliseconds in a title."""
+    return TIME_UNITS.get(re.sub(r"[\s.]", "", unit).lower())
 
 
 def quantity_of(unit: str) -> str:

@@ -100,7 +100,7 @@ def identified(
         label = method.replace("_", " ")
         loop_panel.plot(*_part(loop, cycle), color=colour, lw=1.0, ls="--", label=label)
         history.plot(time, predictions[method], color=colour, lw=0.8, ls="--")
-    peak = time[int(np.argmax(np.abs(measured)))]
+    peak = time[int(np.nanargmax(np.abs(measured)))]
     history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
     loop_panel.set_title(f"the largest cycle, from {time[cycle.start or 0]:.1f} s", loc="left")
     history.set_title("around the peak", loc="left")

@@ -57,18 +57,26 @@ def measurement_on_record(
     modelled: Sequence[np.ndarray] | None = None,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
+    measured_time: Float[np.ndarray, " sample"] | None = None,
 ) -> Figure:
-    """Draw the excitation above the measurement, so that a time shift is visible before sampling starts."""
+    """Draw the excitation above the measurement, so that a time shift is visible before sampling starts.
+
+    Stretches of the record without measured values are grey. `measured_time` are the times of the measurement, if they are not
+    those of the record.
+    """
     rows = [excitation, *measured]
+    of_sensor = time if measured_time is None else measured_time
     figure, axes = canvas(len(rows), 2, height=1.7, sharex="col", width_ratios=(2, 1))
     strong = np.cumsum((excitation[0] ** 2).reshape(len(time), -1).sum(axis=1))
     middle = time[int(np.searchsorted(strong, 0.05 * strong[-1]))]
     span = 0.1 * (time[-1] - time[0])
     for row, (values, name, unit) in enumerate(rows):
         for axis in axes[row]:
-            axis.plot(time, values, color=MUTED if row == 0 else MEASURED, lw=0.9, label="measured")
+            axis.plot(of_sensor if row else time, values, color=MEASURED if row else MUTED, lw=0.9, label="measured")
             if row and modelled is not None:
-                axis.plot(time, modelled[row - 1], color=MODEL, lw=0.8, label="model at the prior medians")
+                axis.plot(of_sensor, modelled[row - 1], color=MODEL, lw=0.8, label="model at the prior medians")
+            for begin, end in _unmeasured(of_sensor, values, time) if row else ():
+                axis.axvspan(begin, end, color=MUTED, alpha=0.2, lw=0)
         axes[row, 0].set_ylabel(in_lines(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name)))
         axes[row, 0].set_xlim(time[0], time[-1])
         axes[row, 1].set_xlim(max(time[0], middle - span), min(time[-1], middle + span))
@@ -77,6 +85,42 @@ def measurement_on_record(
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     return finish(figure, title, save)
+
+
+@styled
+def sensor_coverage(
+    record: tuple[str, float, float],
+    sensors: Sequence[tuple[str, Sequence[tuple[float, float]], Sequence[tuple[float, float]]]],
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a record and its sensors as bars on one time axis.
+
+    `record` has a name, a begin and an end; a sensor has a name, the stretches with measured values, and those left out.
+    """
+    figure, axes = canvas(1, 1, height=0.7 + 0.28 * (len(sensors) + 1))
+    axis, (name, begin, end) = axes[0, 0], record
+    axis.broken_barh([(begin, end - begin)], (-0.3, 0.6), color=MUTED)
+    for row, (_, measured, left_out) in enumerate(sensors, start=1):
+        for stretches, colour, label in ((measured, ACCENT, "used"), (left_out, MEASURED, "left out")):
+            widths = [(first, last - first) for first, last in stretches]
+            axis.broken_barh(
+                widths, (row - 0.3, 0.6), color=colour, alpha=1.0 if colour == ACCENT else 0.35, label=label
+            )
+    axis.set_yticks(range(len(sensors) + 1), [name, *(sensor for sensor, _, _ in sensors)])
+    axis.invert_yaxis()
+    axis.set_xlabel("time on the record's time base [s]")
+    handles, labels = axis.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once.keys(), loc="outside lower center", ncol=2)
+    return finish(figure, save=save)
+
+
+def _unmeasured(times: np.ndarray, values: np.ndarray, time: np.ndarray) -> list[tuple[float, float]]:
+    """Stretches of a record without measured values, longer than two samples."""
+    measured = times[np.isfinite(values)]
+    ends = np.concatenate([[time[0]], measured, [time[-1]]])
+    step = max(times[1] - times[0], time[1] - time[0])
+    return [(float(ends[i]), float(ends[i + 1])) for i in np.flatnonzero(np.diff(ends) > 2.0 * step)]
 
 
 @styled
@@ -124,7 +168,7 @@ def bands(
     For a good fit, the bands are thinner than a line in the first panel but readable in the last panel.
     """
     figure, axes = canvas(3, 1, height=2.0)
-    peak = time[int(np.argmax(np.abs(best if measured is None else measured)))]
+    peak = time[int(np.nanargmax(np.abs(best if measured is None else measured)))]
     half = min(0.06 * time[-1], 2.0)
     whole, close = (time[0], time[-1]), (max(peak - half, 0.0), min(peak + half, time[-1]))
     for axis, span, base in zip(axes[:, 0], (whole, close, whole), (0.0, 0.0, best), strict=True):
@@ -185,7 +229,7 @@ def side_by_side(
     """Draw predictions of one measured history by several model classes, around the peak and relative to the band middle."""
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     strongest = np.abs(outer[0]).max(axis=0) if measured is None else np.abs(measured)
-    peak = time[int(np.argmax(strongest))]
+    peak = time[int(np.nanargmax(strongest))]
     half = min(0.1 * time[-1], 4.0)
     for (close, left), one, response, shown in zip(axes, classes, inner, outer, strict=True):
         middle = 0.5 * (response[0] + response[1])

@@ -46,6 +46,21 @@ def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") 
     return corrected
 
 
+def remove_offset(
+    values: Float[np.ndarray, "time *column"], time: Float[np.ndarray, " time"], rest: tuple[float, float], where: str
+) -> Float[np.ndarray, "time *column"]:
+    """Subtract the mean of the known values between two times at rest."""
+    begin, end = rest
+    at_rest = values[(time >= begin) & (time <= end)]
+    if not np.isfinite(at_rest).any():
+        raise InputError(
+            where,
+            f"no value between {begin:g} and {end:g} s",
+            f"two times between {time[0]:.6g} and {time[-1]:.6g} s, the first before the second",
+        )
+    return np.asarray(values - np.nanmean(at_rest, axis=0))
+
+
 def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
     """Return the smallest digital Butterworth order with 3 dB attenuation at the passband edge and 8 dB at the stopband edge."""
     stop = STOPBAND_RATIO * edge if stop is None else stop

@@ -171,20 +171,27 @@ class GroundMotion(Excitation):
     def _with(self, acceleration: np.ndarray, **changes: Any) -> GroundMotion:
         return replace(self, values=acceleration, **changes)
 
-    def baseline(self, kind: str = "constant") -> GroundMotion:
-        """Subtract the mean or the least-squares line.
+    def baseline(self, kind: str | tuple[float, float] = "constant") -> GroundMotion:
+        """Subtract the mean, the least-squares line, or the offset of an instrument before the shaking.
 
         Parameters
         ----------
-        kind : {"constant", "linear"}
-            Subtract the mean (``"constant"``) or the least-squares line (``"linear"``).
+        kind : {"constant", "linear"} or pair of float
+            Subtract the mean (``"constant"``), the least-squares line (``"linear"``), or the mean between two times [s] at rest.
 
         Returns
         -------
         GroundMotion
             The corrected record.
+
+        Raises
+        ------
+        InputError
+            If there is no sample between the two times.
         """
-        return self._with(processing.remove_baseline(self.values, kind))
+        if isinstance(kind, str):
+            return self._with(processing.remove_baseline(self.values, kind))
+        return self._with(processing.remove_offset(self.values, self.time, kind, "baseline"))
 
     def lowpass(self, edge: float, order: int | None = None, stop: float | None = None) -> GroundMotion:
         """Zero-phase Butterworth low-pass.

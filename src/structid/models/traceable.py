@@ -93,8 +93,14 @@ class Shortcut(ABC):
         """Return a shortcut that compares each run with its own measurement, given by index."""
 
     @abstractmethod
-    def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
-        """Return the sum over time of (measured − response)², inside JAX."""
+    def squares(
+        self, theta: Float[Array, "run parameter"], coefficients: Float[Array, "channel coefficient run"] | None = None
+    ) -> tuple[Any, Any]:
+        """Return the sum over time of (measured − reading)², inside JAX.
+
+        Without an instrument, the reading is the response. Otherwise it is c₀ · response + Σ c_i · column_i, with the coefficients
+        c₀, c₁, … of each channel and the columns of the instrument.
+        """
 
     @abstractmethod
     def marginal_log_likelihood(
@@ -246,7 +252,12 @@ class TraceableModel(Model):
         return {}
 
     def shortcut(
-        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+        self,
+        excitation: Excitation,
+        values: Float[np.ndarray, "sample channel measurement"],
+        channels: tuple[str, ...],
+        sampled: Callable[[np.ndarray], np.ndarray] | None = None,
+        instrument: Float[np.ndarray, "sample channel column"] | None = None,
     ) -> Shortcut | None:
         """Return a direct computation of the likelihood of measurements, if the model has one.
 
@@ -254,10 +265,14 @@ class TraceableModel(Model):
         ----------
         excitation : Excitation
             Excitation of the model.
-        values : ndarray, shape (time, channel, measurement)
+        values : ndarray, shape (sample, channel, measurement)
             The measurements.
         channels : tuple of str
             Channels of the measurements.
+        sampled : callable, optional
+            Linear map of histories (time, channel, part) to the samples of the measurements; by default they are the same.
+        instrument : ndarray, shape (sample, channel, column), optional
+            Columns that an instrument adds to the response, such as 1 for an offset; see `Shortcut.squares`.
 
         Returns
         -------

@@ -109,8 +109,8 @@ def _share_inside(observations: Sequence[Observation], predictions: Sequence[Pre
     """Fraction of all measured values inside the 90 % bands."""
     inside = []
     for observation, prediction in zip(observations, predictions, strict=True):
-        low, high = prediction.band(0.9, discrepancy=True)
-        inside.append(((observation.values >= low) & (observation.values <= high)).ravel())
+        low, high = (observation.instrument.edge_at_samples(edge) for edge in prediction.band(0.9, discrepancy=True))
+        inside.append(((observation.values >= low) & (observation.values <= high))[observation.known])
     return float(np.mean(np.concatenate(inside)))
 
 

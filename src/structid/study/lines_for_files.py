@@ -20,6 +20,12 @@ CHANNELS = {
 """Usual channel for a measured history, by the SI unit of its file."""
 
 
+TIME_BASE = (
+    '# time_shift = "0 s"   # time in this file at which the record begins, if their time bases or lengths differ'
+)
+"""Line for the time base of a measured response."""
+
+
 def record_lines(overview: FileOverview) -> str:
     """Return a [record] table for the first acceleration in a file."""
     facts = _first_acceleration(overview)
@@ -38,7 +44,7 @@ def observation_lines(overview: FileOverview, most: int = 12) -> str:
     for facts in overview.channels[:most]:
         lines = ["[[observation]]", f"file = {_quoted(overview.path)}", *_choice(overview, facts)]
         lines.append(f'channels = ["{_channel(facts)}"]')
-        tables.append("\n".join([*lines, *_unit(facts), *_step(facts)]))
+        tables.append("\n".join([*lines, *_unit(facts), *_step(facts), *_left_out(facts), TIME_BASE]))
     if len(overview.channels) > most:
         tables.append(f"# … and {len(overview.channels) - most} more channels")
     return "\n\n".join(tables)
@@ -88,9 +94,16 @@ def _choice(overview: FileOverview, facts: ChannelFacts) -> list[str]:
 
 def _unit(facts: ChannelFacts) -> list[str]:
     """Return the line of the unit, if the file does not state it."""
-    unit = facts.channel.unit
-    stated = unit and unit != "counts" and not unit.startswith("?")
-    return [] if stated else ['unit = "UNIT"   # the file does not state it']
+    return [] if facts.channel.has_unit else ['unit = "UNIT"   # the file does not state it']
+
+
+def _left_out(facts: ChannelFacts) -> list[str]:
+    """Return lines that leave out missing values and stretches without a signal, as comments."""
+    kinds = {finding.kind for finding in facts.findings}
+    lines = ['# missing = "leave_out"   # leaves out empty cells and missing lines'] if "gap" in kinds else []
+    if kinds & {"dead", "saturation", "spike"}:
+        lines.append('# gaps = [["BEGIN s", "END s"]]   # leaves out stretches in which the sensor failed')
+    return lines
 
 
 def _step(facts: ChannelFacts) -> list[str]:
@@ -99,10 +112,9 @@ def _step(facts: ChannelFacts) -> list[str]:
 
 
 def _channel(facts: ChannelFacts) -> str:
-    unit = facts.channel.unit
-    return next(
-        (name for si, name in CHANNELS.items() if unit and unit != "counts" and same_dimension(unit, si)), "CHANNEL"
-    )
+    channel = facts.channel
+    names = (name for si, name in CHANNELS.items() if channel.has_unit and same_dimension(channel.unit, si))
+    return next(names, "CHANNEL")
 
 
 def _quoted(path: str) -> str:

@@ -63,6 +63,7 @@ class Plausibility:
                 (record.values, record.kind, record.unit),
                 [(values, *index) for values, index in zip(shown[0], places, strict=True)],
                 shown[1],
+                measured_time=pairs[0].observation.time,
                 title=f"Measured on {record.name}" if record.name else "",
                 save=name,
             )
@@ -94,6 +95,8 @@ def plausibility(study: BuiltStudy, show: Callable[[str], None] | None = None) -
     compared: list[tuple[SideBySide, ...]] = []
     for observation in study.posterior.observations:
         questions += questions_of_the_measurement(observation, study.model.channel_units)
+        if observation.sensor_in_words:
+            report(f"The sensor of {' and '.join(observation.channels)}: {observation.sensor_in_words}.")
         run = study.model.simulate(medians, observation.record)
         if not run.done[0]:
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"
@@ -106,7 +109,7 @@ def plausibility(study: BuiltStudy, show: Callable[[str], None] | None = None) -
         compared.append(pairs)
         for pair in pairs:
             report(f"At the prior medians, the {pair.sentence}")
-            questions += pair.questions.values() if np.ptp(pair.measured) > 0.0 else ()
+            questions += pair.questions.values() if np.ptp(pair.measured[np.isfinite(pair.measured)]) > 0.0 else ()
     if compared and not study.model.batched:
         questions += _of_memory(study, compared[0])
     return Plausibility(tuple(findings), tuple(questions), tuple(compared))

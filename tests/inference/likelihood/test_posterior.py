@@ -136,8 +136,8 @@ def test_channels_have_their_own_variance(short_record, study_space):
     ("make", "words"),
     [
         (lambda r: si.Observation(r, np.zeros(600)), "600 samples, but the record has 601"),
-        (lambda r: si.Observation(r, np.zeros(601), dt=0.02), "time step of 0.02"),
-        (lambda r: si.Observation(r, np.full(601, np.nan)), "not finite"),
+        (lambda r: si.Observation(r, np.zeros(601), dt=0.02), "time steps: 0.02 s and 0.01 s"),
+        (lambda r: si.Observation(r, np.full(601, np.inf)), "601 infinite values"),
         (lambda r: si.Observation(r, np.zeros((601, 2))), "shape"),
         (lambda r: si.Observation(np.zeros(601), np.zeros(601)), "GroundMotion"),
     ],

@@ -43,10 +43,8 @@ def look(
             for facts in drawn[:PLOTTED]:
                 title = f"{facts.channel.number} '{facts.channel.name}'"
                 print_plainly(f"\n{title}\n{terminal_plot(facts.channel.values, screen.encoding)}")
-            if len(overview.channels) > PLOTTED:
-                print_plainly(
-                    f"\n… and {len(overview.channels) - PLOTTED} more channels: draw them with --figure FILE.png."
-                )
+            if more := len(overview.channels) - min(len(drawn), PLOTTED):
+                print_plainly(f"\n… and {more} more channels: draw them with --figure FILE.png.")
         print_plainly("")
     for sentence in relations(overviews):
         print_plainly(sentence)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from structid.data_files.base import FileChannel, FileFormat, check_same, check_step
+from functools import partial
+
+from structid.data_files.base import FileChannel, FileFormat, channel_blocks, check_same, check_step
 from structid.data_files.file_content import FileContent, fixed_width, number
 
 _HEADER_LINES = 27
@@ -17,18 +19,10 @@ def recognises(content: FileContent) -> bool:
 
 def read(content: FileContent) -> list[FileChannel]:
     """Read all components; a line that begins with /& ends each."""
-    channels: list[FileChannel] = []
-    index = 0
-    while index < len(content.lines) and content.line(index).strip():
-        channel, index = _component(content, index, len(channels) + 1)
-        channels.append(channel)
-        end = content.find(r"^\s*/&", index, index + 1)
-        index = index if end is None else end[0] + 1
-    content.refuse_rest(index)
-    return channels
+    return channel_blocks(content, partial(_component, content), r"^\s*/&")
 
 
-def _component(content: FileContent, start: int, order: int) -> tuple[FileChannel, int]:
+def _component(content: FileContent, start: int, order: int) -> tuple[list[FileChannel], int]:
     """Read one component; its step follows from the duration and from the samples per second."""
     stop = start + _TEXT_LINES
     content.require("first line of a component, '* VOL1DS FILE'", r"vol1ds", start, start + 1)
@@ -46,7 +40,7 @@ def _component(content: FileContent, start: int, order: int) -> tuple[FileChanne
     per_line = -(-len(content.line(first).rstrip()) // _WIDTH)  # 6 or 10 values in a line
     values, after = fixed_width(content, first, points, max(per_line, 1), _WIDTH)
     channel = FileChannel(name.group(1), values, "0.1 g", order, step, quantity="acceleration", where=content.at(first))
-    return channel, after
+    return [channel], after
 
 
 FORMAT = FileFormat("BHRC", recognises, read)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 from structid.core.errors import InputError
-from structid.data_files.base import FileChannel, FileFormat, check_peak, check_same, check_step, unread
+from structid.data_files.base import FileChannel, FileFormat, channel_blocks, check_peak, check_same, check_step, unread
 from structid.data_files.file_content import FileContent, fixed_width, fortran_format
 
 UNITS = {
@@ -35,18 +36,10 @@ def recognises(content: FileContent) -> bool:
 
 def read(content: FileContent) -> list[FileChannel]:
     """Read all channels; a line that begins with /& or End-of-data ends each."""
-    channels: list[FileChannel] = []
-    index = 0
-    while index < len(content.lines) and content.line(index).strip():
-        channel, after = _channel(content, index, len(channels) + 1)
-        channels.append(channel)
-        end = content.find(r"^\s*(/&|end-of-data)", after, after + 1)
-        index = after if end is None else end[0] + 1
-    content.refuse_rest(index)
-    return channels
+    return channel_blocks(content, partial(_channel, content), r"^\s*(/&|end-of-data)")
 
 
-def _channel(content: FileContent, start: int, order: int) -> tuple[FileChannel, int]:
+def _channel(content: FileContent, start: int, order: int) -> tuple[list[FileChannel], int]:
     """Read one channel; its unit follows from a code, its step from the real-valued header."""
     _, first = content.require(
         "first line, '(Format v01.20 with 13 text lines)'", _FIRST_LINE.pattern, start, start + 1
@@ -86,7 +79,7 @@ def _channel(content: FileContent, start: int, order: int) -> tuple[FileChannel,
     )
     if reals[LARGEST] != MISSING and code in UNITS:
         check_peak(channel, float(reals[LARGEST]), 1e-6)
-    return channel, after
+    return [channel], after
 
 
 def _step(where: str, points: int, reals: list[float]) -> float:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 from structid.core.errors import InputError
 from structid.data_files.agencies.volume1 import INTEGER_LINES, REAL_LINES, channel_of_pairs
 from structid.data_files.base import (
     FileChannel,
     FileFormat,
+    channel_blocks,
     check_count,
     check_peak,
     check_same,
@@ -47,23 +49,20 @@ def recognises(content: FileContent) -> bool:
 
 def read(content: FileContent) -> list[FileChannel]:
     """Read all channels; a line that begins with /& ends each."""
-    channels: list[FileChannel] = []
-    index = 0
-    while index < len(content.lines) and content.line(index).strip():
-        match = _FIRST_LINE.match(content.line(index))
-        if match is None:
-            raise InputError(
-                content.at(index),
-                f"'{content.line(index).strip()[:40]}'",
-                "the first line of a channel, 'Uncorrected accelerogram' or 'Corrected accelerogram'",
-                "Download the file again, since lines are missing or doubled.",
-            )
-        more, index = (_uncorrected if match.group(1) else _corrected)(content, index)
-        channels.extend(more)
-        end, _ = content.require("end of a channel, '/&'", r"^\s*/&", index, index + 1)
-        index = end + 1
-    content.refuse_rest(index)
-    return channels
+    return channel_blocks(content, partial(_channel, content), r"^\s*/&", end_required=True)
+
+
+def _channel(content: FileContent, start: int, _: int) -> tuple[list[FileChannel], int]:
+    """Read one channel, whose first line tells whether it is corrected."""
+    match = _FIRST_LINE.match(content.line(start))
+    if match is None:
+        raise InputError(
+            content.at(start),
+            f"'{content.line(start).strip()[:40]}'",
+            "the first line of a channel, 'Uncorrected accelerogram' or 'Corrected accelerogram'",
+            "Download the file again, since lines are missing or doubled.",
+        )
+    return (_uncorrected if match.group(1) else _corrected)(content, start)
 
 
 def _name(content: FileContent, start: int) -> tuple[int, str]:

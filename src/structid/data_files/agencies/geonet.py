@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 from structid.core.errors import InputError
-from structid.data_files.base import FileChannel, FileFormat, check_peak, check_same, check_step, last_digit
+from structid.data_files.base import (
+    FileChannel,
+    FileFormat,
+    channel_blocks,
+    check_peak,
+    check_same,
+    check_step,
+    last_digit,
+)
 from structid.data_files.file_content import FileContent, fixed_width, number
 
 _FIRST_LINE = re.compile(r"^\s*(un)?corrected accelerogram\b.*", re.IGNORECASE)
@@ -24,14 +33,7 @@ def recognises(content: FileContent) -> bool:
 
 def read(content: FileContent) -> list[FileChannel]:
     """Read all components: accelerations, and in a V2A file velocities and displacements."""
-    channels: list[FileChannel] = []
-    index = component = 0
-    while index < len(content.lines) and content.line(index).strip():
-        component += 1
-        more, index = _component(content, index, component)
-        channels.extend(more)
-    content.refuse_rest(index)
-    return channels
+    return channel_blocks(content, partial(_component, content))
 
 
 def _component(content: FileContent, start: int, order: int) -> tuple[list[FileChannel], int]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from structid.core.errors import InputError
 from structid.data_files.base import FileChannel, FileFormat, check_count, check_peak, check_step, last_digit
-from structid.data_files.file_content import FileContent, fixed_width, fortran_format, keys, number
+from structid.data_files.file_content import FileContent, fixed_width, keys, number
 
 _STARTS = "DATOS DE ACELERACION"
 _TITLE_LINES = 12
@@ -89,7 +89,6 @@ def _values(content: FileContent, title: int, channels: int, count: int) -> tupl
             "Download the file again.",
         )
     first, width = rules[1] + 1, int(form.group(2))
-    assert fortran_format(f"({form.group(1)}F{form.group(2)}.0)") == (channels, width)
     last = len(content.lines)
     while last > first and not content.line(last - 1).strip():
         last -= 1

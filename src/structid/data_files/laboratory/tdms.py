@@ -10,9 +10,9 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.data_files.base import FileChannel, FileFormat, check_step, optional_library
 from structid.data_files.file_content import FileContent
-from structid.data_files.tables.titles import is_time, seconds_of
+from structid.data_files.tables.titles import is_time
 from structid.data_files.time_axis import constant_step
-from structid.data_files.unit_spellings import spelt_unit
+from structid.data_files.unit_spellings import seconds_of, spelt_unit
 
 _TIME_NAMES = ("timestamp", "time stamp")
 

@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.data_files.tables.dialect import Row
-from structid.data_files.tables.titles import is_time, seconds_of, titles_and_units
+from structid.data_files.tables.titles import is_time, titles_and_units
+from structid.data_files.unit_spellings import seconds_of
 
 _SPECTRUM_TITLE = re.compile(r"^(?:per(?:iod)?|freq(?:uency)?)\b|\bp?s[av]\b|spectr", re.IGNORECASE)
 WRAPPED_COLUMNS = 4

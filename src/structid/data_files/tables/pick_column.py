@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.core.units import factor, factor_of, same_dimension
 from structid.data_files.tables.column_table import ColumnTable, is_wrapped
 from structid.data_files.tables.titles import time_factor
-from structid.data_files.time_axis import constant_step
+from structid.data_files.time_axis import constant_step, step_with_gaps
 from structid.data_files.unit_spellings import check_unit, spelt_unit
 
 _MILLISECONDS = re.compile(r"(?<![A-Za-z])(?:ms|msec)(?![A-Za-z])|milli", re.IGNORECASE)
@@ -35,8 +35,12 @@ def columns_of_table(
     si_unit: str | None = None,
     others: Sequence[int] = (),
     time_column: int | str | None = None,
+    gaps: bool = False,
 ) -> Columns:
-    """Return columns of a table in SI, with the time step of its time column or a given one."""
+    """Return columns of a table in SI, with the time step of its time column or a given one.
+
+    With `gaps`, empty cells and missing lines are missing values, NaN; otherwise they are refused.
+    """
     time = _time_column(table, dt, time_column)
     if table.stamp and dt is None:
         raise InputError(
@@ -54,9 +58,13 @@ def columns_of_table(
         _refuse_wrapped(table)
     if time is not None and time in columns:
         raise InputError(table.at(0), f"column {time} is the time", "a column of values", "Give another column.")
+    if gaps and time is not None and dt is None and table.step is None and not table.stamp:
+        start, step, values = _with_gaps(table, time, columns)
+        return Columns(start, step, values * _factor(table, columns, unit, si_unit))
     start, step = _start_and_step(table, time, dt)
     values = table.values[:, columns]
-    _refuse_gaps(table, values, columns)
+    if not gaps:
+        _refuse_gaps(table, values, columns)
     return Columns(start, step, values * _factor(table, columns, unit, si_unit))
 
 
@@ -257,6 +265,16 @@ def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> t
     return float(times[0] * seconds), step
 
 
+def _with_gaps(table: ColumnTable, time: int, columns: Sequence[int]) -> tuple[float, float, np.ndarray]:
+    """Return the first time, the step, and the values with NaN for each missing line or cell."""
+    rows = np.flatnonzero(np.isfinite(table.values[:, time]))
+    times = table.values[rows, time] * _seconds(table, time)
+    step, samples = step_with_gaps(times, lambda row: table.at(int(rows[row])))
+    values = np.full((samples[-1] + 1, len(columns)), np.nan)
+    values[samples] = np.where(np.isfinite(cells := table.values[rows][:, columns]), cells, np.nan)
+    return float(times[0]), step, values
+
+
 def _check_no_header_value(table: ColumnTable, step: float) -> None:
     """Refuse a single column that begins with the time step, the rate or the number of the values."""
     if table.values.shape[1] > 1:
@@ -282,7 +300,7 @@ def _given_step(table: ColumnTable, time: int, dt: float) -> tuple[float, float]
             "one time step",
             "Leave dt out. If the times are not in seconds, write their unit into the title, as in 'time [ms]'.",
         )
-    return 0.0, dt
+    return float(times[0]), dt
 
 
 def _seconds(table: ColumnTable, time: int) -> float:
@@ -309,7 +327,7 @@ def _refuse_gaps(table: ColumnTable, values: Float[np.ndarray, "row column"], co
         table.at(row),
         f"an empty cell or no finite number in column {columns[which]}; {np.count_nonzero(missing)} values are missing",
         "a number in every cell",
-        "Repair the record: structid does not fill gaps.",
+        "structid does not fill gaps. Repair a record; for a measurement, set missing = 'leave_out'.",
     )
 
 

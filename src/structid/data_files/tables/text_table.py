@@ -32,7 +32,8 @@ def _table_with_plain_body(content: FileContent, dialect: Dialect) -> ColumnTabl
     if head is None or head[-1].stamp:
         return None
     first = head[-1].line  # index of the line behind the head
-    body = [line for line in content.lines[first:] if line and not line.isspace()]
+    filled = [(number, line) for number, line in enumerate(content.lines[first:], start=first + 1) if line.strip()]
+    body = [line for _, line in filled]
     if len(body) < HEAD_ROWS or any('"' in line or "#" in line or "%" in line for line in body):
         return None
     text = body if dialect.comma == "none" else [line.replace(",", ".") for line in body]
@@ -43,10 +44,7 @@ def _table_with_plain_body(content: FileContent, dialect: Dialect) -> ColumnTabl
         return None
     if values.shape[1] != len(head[-1].cells):
         return None
-    lines = [
-        number for number, line in enumerate(content.lines[first:], start=first + 1) if line and not line.isspace()
-    ]
-    return table_of_rows(content.path, head, MoreRows(values, lines))
+    return table_of_rows(content.path, head, MoreRows(values, [number for number, _ in filled]))
 
 
 def _head(content: FileContent, dialect: Dialect) -> list[Row] | None:

@@ -8,16 +8,7 @@ from typing import NamedTuple
 
 from structid.core.errors import InputError
 from structid.data_files.tables.dialect import Row
-from structid.data_files.unit_spellings import UNITS, spelt_unit
-
-TIME_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunde", "sekunden"), 1.0),
-    **dict.fromkeys(("ms", "msec", "msecs", "millisec", "millisecond", "milliseconds", "millisekunden"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "microsec", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
-}
-"""Seconds by the spelling of a unit of time, in lower case and without spaces and points."""
+from structid.data_files.unit_spellings import UNITS, seconds_of, spelt_unit
 
 _TIME_WORD = re.compile(
     r"^(?:(?:running|elapsed|total|test|abs\w*|rel\w*)[ _]+)?(time|t|zeit|temps|tiempo|tempo|secs?|seconds)(?=$|[^A-Za-z])",
@@ -115,11 +106,6 @@ def unit_of_title(title: str) -> str:
     )
     spaced = title.strip()[: behind.start(1)].endswith(" ") and title.strip()[behind.start()] not in ",/"
     return word if is_unit and not (spaced and _TIME_WORD.match(title) is None) else ""
-
-
-def seconds_of(unit: str) -> float | None:
-    """Return the seconds of a unit of time; None if it is none. ``MS`` and ``mS`` are milliseconds in a title."""
-    return TIME_UNITS.get(re.sub(r"[\s.]", "", unit).lower())
 
 
 def is_time(title: str) -> bool:

@@ -96,15 +96,27 @@ def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Re
 
 
 def largest_state(function: Function) -> int:
-    """Return the largest number of values that a loop of the function carries from one iteration to the next."""
+    """Return the largest number of values that a loop of the function computes in each iteration for the next one."""
     loops = [operation.params for operation in function.eqns if operation.primitive.name == "scan"]
-    return max((sum(math.prod(aval.shape) for aval in _carried(loop)) for loop in loops), default=0)
+    return max((_computed(loop) for loop in loops), default=0)
 
 
-def _carried(loop: dict[str, Any]) -> list[Any]:
-    """Return the shapes of the arrays that a loop carries from one iteration to the next."""
+def _computed(loop: dict[str, Any]) -> int:
+    """Count the carried values of a loop without those that it only moves, as in a window of the latest samples."""
     _, carried = constants_and_carried(loop)
-    return list(loop["jaxpr"].out_avals[:carried])
+    body = loop["jaxpr"].jaxpr
+    produced = {variable: operation for operation in body.eqns for variable in operation.outvars}
+    count = 0
+    for variable in body.outvars[:carried]:
+        joined = None if isinstance(variable, Literal) else produced.get(variable)
+        if joined is None or joined.primitive.name != "concatenate":
+            count += math.prod(variable.aval.shape)
+            continue
+        moved = (None if isinstance(part, Literal) else produced.get(part) for part in joined.invars)
+        for part, operation in zip(joined.invars, moved, strict=True):
+            if operation is None or operation.primitive.name != "slice":
+                count += math.prod(part.aval.shape)
+    return count
 
 
 def constants_and_carried(loop: dict[str, Any]) -> tuple[int, int]:

@@ -75,19 +75,20 @@ def groups_of_measurement(
     for index, observation in enumerate(posterior.observations):
         suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
         dims = (f"time{suffix}", f"channel{suffix}")
-        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
+        coords = {dims[0]: observation.time, dims[1]: list(observation.channels)}
+        of_record = dims[0] if observation.sampling is None else f"record_{dims[0]}"
 
         def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
             parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)
-        driven = dims[:1] if observation.record.values.ndim == 1 else (dims[0], f"signal{suffix}")
+        driven = (of_record,) if observation.record.values.ndim == 1 else (of_record, f"signal{suffix}")
         put(
             "constant_data",
             f"excitation{suffix}",
             observation.record.values,
             driven,
-            {dims[0]: observation.record.time},
+            {of_record: observation.record.time},
         )
         if predictions:
             every = ("chain", "draw", *dims)
@@ -134,7 +135,7 @@ def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, 
     response = posterior.predict(theta, index)
     unknown = posterior.unknowns(theta, index)
     observation = posterior.observations[index]
-    dt = observation.record.dt
+    dt = observation.step
     sd = 1.0 if observation.sd is None else observation.sd
     errors = posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)
     return np.asarray(response + sd * errors)

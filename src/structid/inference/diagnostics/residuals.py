@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.inference.convergence import autocovariance
 from structid.inference.error_models.base import ErrorModel
@@ -19,6 +20,8 @@ WHITE_BOUND = 5.0
 """Limit for short histories, in standard deviations 1/√T of white noise's autocorrelation; the larger limit applies."""
 SHARE_OF_LAGS = 0.1
 """Largest examined lag, as a fraction of the history."""
+FEWEST_PAIRS = 100
+"""Number of pairs of measured values below which an autocorrelation is shrunk towards 0."""
 UNEVEN = 3.0
 """Ratio of a spectral peak to white noise above which it is reported; peaks of white noise reach 2.4."""
 MUCH_WIDER = 1.5
@@ -32,15 +35,29 @@ class WhitenedResidual:
     channel: str  # measured channel
     record: str  # name of the record
     dt: float  # time step [s]
-    values: Float[np.ndarray, " time"] = field(repr=False)  # residual, dimensionless
+    values: Float[np.ndarray, " time"] = field(repr=False)  # residual, dimensionless; 0 for a missing value
     observation: int = 0  # index of the observation
+    known: Bool[np.ndarray, " time"] | None = field(
+        default=None, repr=False
+    )  # mask of the measured values; None for all
+
+    @cached_property
+    def _all_known(self) -> bool:
+        return self.known is None or bool(self.known.all())
 
     @property
     def autocorrelation(self) -> np.ndarray:
         """Autocorrelation at the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
         count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
-        covariance = autocovariance(self.values[:, None])[:count, 0]
-        return np.asarray(covariance / covariance[0])
+        if self._all_known:
+            covariance = autocovariance(self.values[:, None])[:count, 0]
+            return np.asarray(covariance / covariance[0])
+        # Means over the pairs of measured values; a lag with few pairs is shrunk towards 0.
+        assert self.known is not None
+        centred = np.where(self.known, self.values - self.values[self.known].mean(), 0.0)
+        products, pairs = (_lagged_products(x)[:count] for x in (centred, self.known.astype(float)))
+        enough = np.maximum(np.rint(pairs), FEWEST_PAIRS)
+        return np.asarray(products / enough * pairs[0] / products[0])
 
     @property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +69,8 @@ class WhitenedResidual:
     @property
     def bound(self) -> float:
         """Autocorrelation above which the residual is considered correlated."""
-        return float(max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values))))
+        samples = len(self.values) if self.known is None else np.count_nonzero(self.known)
+        return float(max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(samples)))
 
     @property
     def largest(self) -> tuple[float, float]:
@@ -78,15 +96,25 @@ def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " paramete
     """Whiten the residuals of a prediction."""
     residuals = []
     for index, observation in enumerate(posterior.observations):
-        residual = observation.in_sds(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
-        unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
-        white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
+        residual = observation.weighted(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
+        unknown, masked = posterior.unknowns(theta[None], index), posterior.likelihood.of[index].masked
+        white = np.asarray(
+            posterior.discrepancy.whiten(residual, unknown, observation.channels, observation.step, **masked)
+        )[:, :, 0]
         residuals += [
-            WhitenedResidual(channel, observation.record.name, dt, white[:, i], index)
+            WhitenedResidual(
+                channel, observation.record.name, observation.step, white[:, i], index, observation.known[:, i]
+            )
             for i, channel in enumerate(observation.channels)
             if np.isfinite(white[:, i]).all()
         ]
     return tuple(residuals)
+
+
+def _lagged_products(series: np.ndarray) -> np.ndarray:
+    """Σ_t x_t x_{t+k} for the lags k = 0, 1, …."""
+    transform = np.fft.rfft(series, 2 * len(series))
+    return np.asarray(np.fft.irfft(np.abs(transform) ** 2)[: len(series)])
 
 
 def residual_warnings(

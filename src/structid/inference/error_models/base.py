@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.core.arrays import Array
 from structid.engine.time_loop import Fold
@@ -131,8 +131,11 @@ class Discrepancy(ErrorModel):
     independent: ClassVar[bool] = False
     """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
 
+    takes_gaps: ClassVar[bool] = False
+    """Whether the methods accept `known`, a mask of the measured values; without it, values must not be missing."""
+
     def log_likelihood_of_squares(
-        self, squares: Float[Array, "channel run"], samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
+        self, squares: Float[Array, "channel run"], samples: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Float[Array, " run"]:
         """Log density of a residual from its sum of squares, inside JAX; for independent normal errors.
 
@@ -140,7 +143,7 @@ class Discrepancy(ErrorModel):
         ----------
         squares : jax.Array, shape (channel, run)
             Sum over time of the squared residual.
-        samples : int
+        samples : int or array, shape (channel, 1)
             Number of summed samples.
         unknown : mapping of str to jax.Array (run,)
             The unknown parameters.
@@ -155,7 +158,13 @@ class Discrepancy(ErrorModel):
         raise NotImplementedError(f"{type(self).__name__} needs the whole residual")
 
     def fold(
-        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int
+        self,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        runs: int,
+        dt: float,
+        samples: Any,
+        gaps: bool = False,
     ) -> Fold | None:
         """Return the log density of a residual as a fold over its samples, inside JAX, if the error model has one.
 
@@ -169,8 +178,10 @@ class Discrepancy(ErrorModel):
             Number of runs.
         dt : float
             Time step [s].
-        samples : int
-            Length of the residual.
+        samples : int or array, shape (channel, 1)
+            Number of measured values.
+        gaps : bool
+            Whether values are missing. A sample is then a pair: the residual, and a mask (channel, 1) of the measured values.
 
         Returns
         -------
@@ -233,6 +244,7 @@ class Discrepancy(ErrorModel):
         channels: tuple[str, ...],
         dt: float,
         white: Any = 0.0,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, " run"]:
         """Log density of the whole residual, inside JAX.
 
@@ -248,6 +260,8 @@ class Discrepancy(ErrorModel):
             Time step [s].
         white : jax.Array (channel, run) or float
             Additional variance of independent errors, such as a surrogate's error variance.
+        known : ndarray of bool, shape (time, channel), optional
+            Mask of the measured values, if some are missing; the residual is 0 where a value is missing.
 
         Returns
         -------
@@ -262,6 +276,7 @@ class Discrepancy(ErrorModel):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Log density of every observed value given the earlier values, inside JAX.
 
@@ -275,6 +290,8 @@ class Discrepancy(ErrorModel):
             Names of the channels.
         dt : float
             Time step [s].
+        known : ndarray of bool, shape (time, channel), optional
+            Mask of the measured values, if some are missing; the result is 0 where a value is missing.
 
         Returns
         -------
@@ -289,6 +306,7 @@ class Discrepancy(ErrorModel):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Linear map of a residual to independent unit normals, inside JAX.
 
@@ -302,6 +320,8 @@ class Discrepancy(ErrorModel):
             Names of the channels.
         dt : float
             Time step [s].
+        known : ndarray of bool, shape (time, channel), optional
+            Mask of the measured values, if some are missing; the result is 0 where a value is missing.
 
         Returns
         -------

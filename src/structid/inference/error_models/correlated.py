@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.core.arrays import Array
 from structid.core.errors import InputError
@@ -34,8 +34,8 @@ Matrix = list[list[Any]]
 State = tuple[Any, Any]
 """Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all earlier samples."""
 
-Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
-"""Maps a state and the current measurements to the next state and to the innovation v with its precision 1/S."""
+Step = Callable[..., tuple[State, tuple[Any, Any]]]
+"""Maps a state, the current measurements and a mask of them to the next state and to the innovation v with its precision 1/S."""
 
 HUGE = 1e100
 """Unit of a running product of factors from 1 to 1/SMALLEST_WHITE, which may exceed the range of a float."""
@@ -56,6 +56,7 @@ class Correlated(Discrepancy):
     white: float | Marginal | None = None  # variance of the white part
 
     kind: ClassVar[str] = "correlated"
+    takes_gaps: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("variance", "white", *self._shapes()):
@@ -162,15 +163,16 @@ class Correlated(Discrepancy):
         shares = [jnp.stack([_share(transition, to, entry) for to in upper]) for entry in upper]
         added = jnp.stack([noise[i][j] for i, j in upper])
 
-        def step(state: State, measured: Any) -> tuple[State, tuple[Any, Any]]:
+        def step(state: State, measured: Any, known: Any = None) -> tuple[State, tuple[Any, Any]]:
             mean, covariance = state
-            # v = y − m₀, S = P₀₀ + R
+            # v = y − m₀, S = P₀₀ + R; without a measured value, 1/S = 0 and the state is not updated
             error, precision = measured - mean[0], 1.0 / (covariance[0] + white)
+            rest = white * precision
+            if known is not None:
+                precision, rest = jnp.where(known, precision, 0.0), jnp.where(known, rest, 1.0)
             # P − P₀ P₀ᵀ/S; its first row, with which the upper triangle begins, is P₀ R/S
             updated = [
-                covariance[at] * (white * precision)
-                if i == 0
-                else covariance[at] - covariance[i] * covariance[j] * precision
+                covariance[at] * rest if i == 0 else covariance[at] - covariance[i] * covariance[j] * precision
                 for at, (i, j) in enumerate(upper)
             ]
             # F (m + P₀ v/S), and F (…) Fᵀ + Q
@@ -184,11 +186,19 @@ class Correlated(Discrepancy):
         return (mean, covariance), step, stationary[0] + white
 
     def _innovations(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
+        self,
+        residual: Any,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        known: np.ndarray | None,
     ) -> tuple[Any, Any]:
-        """One-step prediction errors and their precisions, each (time, channel, run)."""
+        """One-step prediction errors and their precisions, each (time, channel, run); the precision of a missing value is 0."""
         start, step, _ = self._filter(unknown, channels, residual.shape[2], dt)
-        filtered: tuple[Any, Any] = jax.lax.scan(step, start, residual)[1]
+        rows = _pairs(residual, known)
+        filtered: tuple[Any, Any] = jax.lax.scan(
+            lambda state, row: step(state, row) if known is None else step(state, *row), start, rows
+        )[1]
         return filtered
 
     def log_likelihood(
@@ -198,14 +208,24 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
         white: Any = 0.0,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, " run"]:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
-        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, residual.shape[0], white)
-        return fold.of(residual)
+        samples = residual.shape[0] if known is None else known.sum(axis=0)[:, None]
+        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, samples, white, gaps=known is not None)
+        return fold.of(_pairs(residual, known))
 
-    def fold(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int) -> Fold:
+    def fold(
+        self,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        runs: int,
+        dt: float,
+        samples: Any,
+        gaps: bool = False,
+    ) -> Fold:
         """The log density as a fold over samples; see `Discrepancy.fold`."""
-        return self._folded(unknown, channels, runs, dt, samples)
+        return self._folded(unknown, channels, runs, dt, samples, gaps=gaps)
 
     def _folded(
         self,
@@ -213,16 +233,19 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         runs: int,
         dt: float,
-        samples: int,
+        samples: Any,
         more_white: Any = 0.0,
+        gaps: bool = False,
     ) -> Fold:
         start, step, first = self._filter(unknown, channels, runs, dt, more_white)
 
         def sample(carry: Any, measured: Any) -> Any:
             # A logarithm costs more than all other operations of a step, so it is taken once, of Π S₁/S in units of HUGE.
             state, squares, product, units = carry
-            state, (error, precision) = step(state, measured)
-            product = product * (first * precision)
+            residual, known = measured if gaps else (measured, None)
+            state, (error, precision) = step(state, residual, known)
+            growth = first * precision
+            product = product * (growth if known is None else jnp.where(known, growth, 1.0))
             huge = product > HUGE
             product, units = jnp.where(huge, product * (1.0 / HUGE), product), units + huge
             return state, squares + error**2 * precision, product, units
@@ -242,9 +265,12 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Log density of every value given the earlier values; see `Discrepancy.pointwise`."""
-        error, precision = self._innovations(residual, unknown, channels, dt)
+        error, precision = self._innovations(residual, unknown, channels, dt, known)
+        if known is not None:
+            error, precision = error * known[:, :, None], jnp.where(known[:, :, None], precision, 2.0 * jnp.pi)
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
     def whiten(
@@ -253,9 +279,10 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
+        known: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Innovations over their standard deviation; see `Discrepancy.whiten`."""
-        error, precision = self._innovations(residual, unknown, channels, dt)
+        error, precision = self._innovations(residual, unknown, channels, dt, known)
         return error * jnp.sqrt(precision)
 
     def draw(
@@ -289,6 +316,11 @@ class Correlated(Discrepancy):
             value = getattr(self, name)
             description[name] = value.describe() if isinstance(value, Marginal) else value
         return description
+
+
+def _pairs(residual: Any, known: np.ndarray | None) -> Any:
+    """Rows of a filter: the residual, or the residual and the mask of the measured values."""
+    return residual if known is None else (residual, known[:, :, None])
 
 
 def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:

@@ -44,6 +44,7 @@ class IID(Discrepancy):
     per_channel: bool = True
 
     independent: ClassVar[bool] = True
+    takes_gaps: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         given = self.variance if isinstance(self.variance, Mapping) else {"": self.variance}
@@ -96,26 +97,48 @@ class IID(Discrepancy):
         return numpy.stack(rows)
 
     def log_likelihood(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
+        self,
+        residual: Any,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        white: Any = 0.0,
+        known: np.ndarray | None = None,
     ) -> Any:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
         variance = self.variances(unknown, channels, residual.shape[2], namespace(residual)) + white
-        return _normal_log_density((residual**2).sum(axis=0), residual.shape[0], variance)
+        samples = residual.shape[0] if known is None else known.sum(axis=0)[:, None]
+        return _normal_log_density((residual**2).sum(axis=0), samples, variance)
 
     def log_likelihood_of_squares(
-        self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
+        self, squares: Any, samples: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Any:
         """Log density from the sum of squares; see `Discrepancy.log_likelihood_of_squares`."""
         numpy = namespace(squares)
         return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], numpy))
 
-    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def pointwise(
+        self,
+        residual: Any,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        known: np.ndarray | None = None,
+    ) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`."""
         numpy = namespace(residual)
         variance = self.variances(unknown, channels, residual.shape[2], numpy)
-        return -0.5 * numpy.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
+        density = -0.5 * numpy.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
+        return density if known is None else numpy.where(known[:, :, None], density, 0.0)
 
-    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def whiten(
+        self,
+        residual: Any,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        known: np.ndarray | None = None,
+    ) -> Any:
         """Divide by σ; see `Discrepancy.whiten`."""
         numpy = namespace(residual)
         return residual / numpy.sqrt(self.variances(unknown, channels, residual.shape[2], numpy))
@@ -147,8 +170,8 @@ class IID(Discrepancy):
         return {"kind": "iid", "variance": variance, "per_channel": self.per_channel}
 
 
-def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
-    """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
+def _normal_log_density(squares: Any, samples: Any, variance: Any) -> Any:
+    """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,); T is one number, or one for each channel (channel, 1)."""
     # A point on the edge of its prior may have zero variance; its density is −inf or NaN, and NumPy would warn.
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = namespace(variance).log(2.0 * np.pi * variance)

@@ -38,7 +38,7 @@ class GivenResponses:
             if squares is not None:
                 likelihood = bound.of_squares(squares, theta)
             else:
-                likelihood = given(response, theta, bound.compared(bound.observation.values[:, :, None]))
+                likelihood = given(response, theta, bound.weighted(bound.observation.values[:, :, None]))
             total = total + np.asarray(likelihood)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)
 
@@ -50,8 +50,13 @@ def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarra
     observation, squares = bound.observation, []
     # Channel by channel: contiguous samples are summed several times as fast as columns.
     for index, channel in enumerate(observation.channels):
-        residual = observation.values[:, index] - runs[:, :, bound.model.channels.index(channel)]
+        response = runs[:, :, bound.model.channels.index(channel)]
+        if observation.sampling is not None or observation.polarity != "normal":
+            response = observation.instrument.signs[0] * np.asarray(observation.instrument.sampled(response.T)).T
+        residual = observation.values[:, index] - response
+        if observation.missing:
+            residual = residual[:, observation.known[:, index]]
         if observation.sd is not None:
-            residual = residual / np.asarray(observation.sd)[:, index]
+            residual = residual / np.asarray(observation.sd)[observation.known[:, index], index]
         squares.append(np.einsum("rt,rt->r", residual, residual))
     return np.stack(squares)

@@ -57,7 +57,7 @@ class Misfit:
     @cached_property
     def scale(self) -> float:
         """Σ y² over all measurements, weighted as in J."""
-        return float(sum((o.values**2 * w).sum() for o, w in zip(self._observations, self._weights, strict=True)))
+        return float(sum(np.nansum(o.values**2 * w) for o, w in zip(self._observations, self._weights, strict=True)))
 
     @property
     def _observations(self) -> list[Observation]:
@@ -68,7 +68,7 @@ class Misfit:
         observations = self._observations
         if all(len(o.channels) == 1 for o in observations) and len({o.channels for o in observations}) == 1:
             return [np.ones(1) for _ in observations]
-        return [1.0 / (o.in_sds(o.values) ** 2).sum(axis=0) for o in observations]
+        return [1.0 / (o.weighted(o.values) ** 2).sum(axis=0) for o in observations]
 
     def _with_rest(self, theta: Any) -> Any:
         """All parameters of the posterior, inside JAX: the model's, and all further parameters at their fixed values."""
@@ -80,10 +80,8 @@ class Misfit:
         for numbers in likelihood.of_one_run:
             response, _ = likelihood.of[numbers[0]].response(full, data[numbers[0]])
             for k in numbers:
-                residual = (
-                    likelihood.of[k].residual(full)(response, data[k].values) * np.sqrt(self._weights[k])[:, None]
-                )
-                parts.append(residual.reshape(-1, theta.shape[0]))
+                residual = likelihood.of[k].residual_of_all(response, full, data[k].values)
+                parts.append((residual * np.sqrt(self._weights[k])[:, None]).reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
 
     def _value(self, theta: Any, data: Any) -> Any:
@@ -111,7 +109,7 @@ class Misfit:
         for numbers in self._likelihood.of_one_run:
             first = numbers[0]
             loop = with_sensitivities(partial(self._loop, self._likelihood.of[first], data[first]), theta.T)
-            values = tuple(data[k].values for k in numbers)
+            values = tuple(self._likelihood.of[k].readings(data[k].values) for k in numbers)
             sums_of_observations.append(loop.folded(_normal_equations(theta), values, self._sample(numbers, theta))[0])
         value, gradient, *rows = (sum(parts) for parts in zip(*sums_of_observations, strict=True))
         names = range(len(rows))
@@ -121,13 +119,16 @@ class Misfit:
     def _sample(self, numbers: Sequence[int], theta: Any) -> Callable[[Any, Any], tuple[Any, Any]]:
         """Weighted residuals of some observations at one sample (channel, run), with derivatives (parameter, channel, run)."""
         full = self._with_rest(theta)
-        residuals = [self._likelihood.of[k].residual(full) for k in numbers]
+        bounds = [self._likelihood.of[k] for k in numbers]
+        residuals = [bound.residual(full) for bound in bounds]
         roots = [np.sqrt(self._weights[k])[:, None] for k in numbers]
 
         def sample(outputs: tuple[Any, Any], measured_row: Sequence[Any]) -> tuple[Any, Any]:
             def weighted(response: Any) -> Any:
-                each = zip(roots, residuals, measured_row, strict=True)
-                return jnp.concatenate([root * residual(response, y) for root, residual, y in each])
+                each = zip(roots, bounds, residuals, measured_row, strict=True)
+                return jnp.concatenate(
+                    [root * residual(bound.measured_channels(response), y) for root, bound, residual, y in each]
+                )
 
             residual, slope_along = jax.linearize(weighted, outputs[0])
             return residual, jax.vmap(slope_along)(outputs[1])
@@ -144,7 +145,9 @@ class Misfit:
     def _compiled(self) -> dict[str, Callable[..., Any]]:
         likelihood, some = self._likelihood, self.space.sample(1, seed=0).values
         looping = all(
-            bound.takes_samples and bound.loop(bound.parameters(self._with_rest(some)), measured) is not None
+            bound.takes_samples
+            and bound.reads_every_sample
+            and bound.loop(bound.parameters(self._with_rest(some)), measured) is not None
             for bound, measured in zip(likelihood.of, likelihood.measured, strict=True)
         )
         value = InLanes(lambda theta, data: (self._value(theta, data),))
@@ -162,7 +165,7 @@ class Misfit:
             full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
             value = sum(
                 (
-                    (o.in_sds((o.values - self._likelihood.predict(full, i)).transpose(1, 2, 0)) ** 2)
+                    (o.weighted((o.values - self._likelihood.predict(full, i)).transpose(1, 2, 0)) ** 2)
                     * self._weights[i][:, None]
                 ).sum(axis=(0, 1))
                 for i, o in enumerate(self._observations)

@@ -6,10 +6,11 @@ It is traced inside JAX, or computed on the host for a model outside JAX.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -17,11 +18,12 @@ from jax import lax
 from jaxtyping import Float, Int
 
 from structid.core.arrays import Array
-from structid.core.errors import Status
+from structid.core.errors import InputError, Status
 from structid.engine.device import jnp
-from structid.engine.time_loop import Fold, TimeLoop, once_along_each, sum_of_squares
+from structid.engine.time_loop import Fold, TimeLoop, once_along_each, side_by_side, sum_of_squares
 from structid.histories import Histories
 from structid.inference.error_models.base import Discrepancy, ErrorModel
+from structid.inference.likelihood.sensor_loop import at_sensor_samples
 from structid.models.base import Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.observation import Observation
@@ -34,8 +36,7 @@ class Measured:
     """Data of an observation for a traced likelihood: arguments of the compiled density, not constants in it."""
 
     excitation: TracedExcitation  # the excitation
-    # Measured values, one set for all runs or one for each run. With known standard deviations: the values and 1, both
-    # divided by them
+    # Measured values, one set for all runs or one for each run; divided by the known standard deviations, and 0 if missing
     values: Any
     shortcut: Shortcut | None  # direct computation of the likelihood, without the response
 
@@ -48,12 +49,27 @@ class Measured:
 jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", "shortcut"], meta_fields=[])
 
 
+class Readings(NamedTuple):
+    """What a response is compared with, at all samples of the sensor or at one of them."""
+
+    values: Any  # measured values (..., channel, run), weighted
+    weights: Any  # weights (..., channel, 1): 1/sd, and 0 for a missing value; None if all are 1
+    times: Any  # times (..., 1, 1); None if the instrument does not drift
+
+
+class InLoop(NamedTuple):
+    """A reduction of the residuals inside a loop over the samples of the record."""
+
+    fold: Fold
+    rows: Any  # input of the fold besides the response
+    make: Callable[[Any, Any], Any]  # the fold's samples, from the response and a row
+
+
 def own_priors(observation: Observation, error_model: ErrorModel) -> dict[str, Marginal]:
     """Priors of an observation's own parameters, without the model's parameters."""
-    record = observation.record
-    values = observation.in_sds(observation.values)
-    added = error_model.added.parameters(values, observation.channels, record.dt, observation.error_units)
-    return observation.nuisances() | added | error_model.hidden_parameters(record.duration)
+    values = observation.weighted(observation.values)
+    added = error_model.added.parameters(values, observation.channels, observation.step, observation.error_units)
+    return observation.nuisances() | added | error_model.hidden_parameters(observation.record.duration)
 
 
 class ObservationLikelihood:
@@ -73,8 +89,15 @@ class ObservationLikelihood:
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
         # The model's parameters keep their names; latent values of this test alone have their own names in θ.
         self.free = tuple(name if name in space.all_names else own[name] for name in model.free)
-        self.channels, self.dt = observation.channels, observation.record.dt
+        self.channels, self.dt = observation.channels, observation.step
         self._places = np.array([model.channels.index(c) for c in observation.channels])
+        if observation.missing and not discrepancy.takes_gaps:
+            raise InputError(
+                "observation",
+                f"{observation.missing} missing values, but the error model {type(discrepancy).__name__} does not take them",
+                "an error model with takes_gaps = True, such as IID or AR1",
+                "Choose another error model, or extend its methods by the argument `known`.",
+            )
 
     # --- pieces -------------------------------------------------------------------------------------------------
 
@@ -90,34 +113,92 @@ class ObservationLikelihood:
         """Response of the model, inside JAX."""
         return self._traceable.response(self.parameters(theta), measured.excitation)
 
+    def measured_channels(self, response: Float[Array, "*time channel run"]) -> Float[Array, "*time shown_channel run"]:
+        """Channels of a response that the instrument measures."""
+        if self.model.channels == self.channels:
+            return response
+        return jnp.stack([response[..., index, :] for index in self._places], axis=-2)
+
     def shown(
-        self, response: Float[Array, "*time channel run"], theta: Float[Array, "run parameter"]
-    ) -> Float[Array, "*time shown_channel run"]:
-        """Convert a model's response to instrument readings, inside JAX."""
-        if self.model.channels != self.channels:
-            response = jnp.stack([response[..., index, :] for index in self._places], axis=-2)
-        return self.observation.transmit(response, self.unknowns(theta))
+        self, response: Float[Array, "time channel run"], theta: Float[Array, "run parameter"]
+    ) -> Float[Array, "sample shown_channel run"]:
+        """Convert a model's response to instrument readings at the samples of the sensor, inside JAX."""
+        measured = self.measured_channels(response)
+        return self.observation.transmit(measured, self.unknowns(theta), self.sign(measured, theta))
+
+    def sign(self, response: Float[Array, "time shown_channel run"], theta: Float[Array, "run parameter"]) -> Any:
+        """The more probable direction of the sensor for each run, from its measured channels; None if it is known."""
+        signs = self.observation.instrument.signs
+        if len(signs) == 1:
+            return None
+        values = self.weighted(self.observation.values[:, :, None])
+        each = jnp.stack([self._given(response, theta, values, sign) for sign in signs])
+        return jnp.array(signs)[jnp.argmax(each, axis=0)]
 
     def given(
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
     ) -> Float[Array, " run"]:
         """Log-likelihood of given responses, inside JAX."""
-        residual = self.residual(theta)(response, values)
-        result = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+        measured = self.measured_channels(response)
+        return self._mean_of_signs(
+            [self._given(measured, theta, values, sign) for sign in self.observation.instrument.signs]
+        )
+
+    def _given(self, response: Any, theta: Any, values: Any, sign: float, white: Any = 0.0) -> Any:
+        """Log-likelihood of the response in the measured channels for one direction of the sensor, inside JAX."""
+        residual = self._residual_of_all(response, theta, values, sign)
+        result = self.discrepancy.log_likelihood(
+            residual, self.unknowns(theta), self.channels, self.dt, white, **self.masked
+        )
         return self._in_si(result)
 
-    def compared(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
-        """Data with which a response is compared: the measurements, divided by the standard deviations if these are known."""
-        if self.observation.sd is None:
-            return values
-        return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
+    @property
+    def masked(self) -> dict[str, Any]:
+        """Arguments of the error model for missing values."""
+        return {"known": self.observation.known} if self.observation.missing else {}
 
-    def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
-        """Return a function for measurement minus response, divided by the standard deviations if these are known."""
-        if self.observation.sd is None:
-            return lambda response, values: values - self.shown(response, theta)
-        count = len(self.channels)
-        return lambda response, values: values[..., :count, :] - values[..., count:, :] * self.shown(response, theta)
+    @staticmethod
+    def _mean_of_signs(each: Sequence[Any]) -> Any:
+        """Log-likelihood from those of the directions, which have equal prior probabilities."""
+        return each[0] if len(each) == 1 else jax.nn.logsumexp(jnp.stack(each), axis=0) - math.log(len(each))
+
+    def weighted(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
+        """Measured values as the likelihood uses them; see `Measured.values`."""
+        return np.asarray(self.observation.weighted(values))
+
+    def readings(self, values: Any) -> Readings:
+        """Pair measured values with weights and times."""
+        weights, drifts = self.observation.weights, self.observation.drift is not None
+        times = self.observation.time[:, None, None] if drifts else None
+        return Readings(values, None if weights is None else weights[:, :, None], times)
+
+    def residual(self, theta: Float[Array, "run parameter"], sign: float | None = None) -> Callable[[Any, Any], Any]:
+        """Return a function for measurement minus response at the samples of the sensor, weighted.
+
+        It takes responses in the channels of the measurement, and readings.
+        """
+        unknown = self.unknowns(theta)
+
+        def residual(response: Any, readings: Readings) -> Any:
+            shown = self.observation.instrument.reading(response, unknown, readings.times, sign)
+            return readings.values - (shown if readings.weights is None else readings.weights * shown)
+
+        return residual
+
+    def residual_of_all(
+        self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
+    ) -> Float[Array, "sample channel run"]:
+        """Residual of whole responses, inside JAX; for an unknown direction, the smaller one."""
+        measured = self.measured_channels(response)
+        each = [self._residual_of_all(measured, theta, values, sign) for sign in self.observation.instrument.signs]
+        if len(each) == 1:
+            return each[0]
+        first, second = each
+        return jnp.where((first**2).sum(axis=(0, 1)) <= (second**2).sum(axis=(0, 1)), first, second)
+
+    def _residual_of_all(self, response: Any, theta: Any, values: Any, sign: float) -> Any:
+        response = self.observation.instrument.delayed(response, self.unknowns(theta))
+        return self.residual(theta, sign)(self.observation.instrument.sampled(response), self.readings(values))
 
     def _in_si(self, log_density: Any) -> Any:
         """Log density of ε from the log density of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
@@ -127,14 +208,18 @@ class ObservationLikelihood:
         self, squares: Float[Array, "channel run"], theta: Float[Array, "run parameter"]
     ) -> Float[Array, " run"]:
         """Log-likelihood from sums of squared residuals, inside JAX, if these suffice."""
-        samples = len(self.observation.values)
-        result = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
-        return self._in_si(result)
+        samples, unknown = self.observation.counts, self.unknowns(theta)
+        return self._in_si(self.discrepancy.log_likelihood_of_squares(squares, samples, unknown, self.channels))
 
     @property
     def needs_only_squares(self) -> bool:
         """Whether error model and instrument need only the sum of squared residuals."""
-        return self.discrepancy.independent and not self.observation.nuisances()
+        return self.discrepancy.independent and self.plain_instrument
+
+    @property
+    def plain_instrument(self) -> bool:
+        """Whether the instrument has no unknown parameters and a known direction."""
+        return not self.observation.nuisances() and len(self.observation.instrument.signs) == 1
 
     # --- inside JAX ---------------------------------------------------------------------------------------------
 
@@ -145,60 +230,143 @@ class ObservationLikelihood:
 
     def measured_as(self, values: Float[np.ndarray, "time channel measurement"]) -> Measured:
         """Replace the observation's measurements by other values."""
-        model, record = self._traceable, self.observation.record
-        shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
-        return Measured(model.traced(record), self.compared(values), shortcut)
+        model, observation = self._traceable, self.observation
+        weighted, shortcut = self.weighted(values), None
+        if observation.sd is None and observation.time_shift is None:
+            columns = None if self._plain_reading else observation.weighted(observation.instrument.columns)
+            shortcut = model.shortcut(observation.record, weighted, self.channels, self._sampled_parts, columns)
+        return Measured(model.traced(observation.record), weighted, shortcut)
+
+    @property
+    def _plain_reading(self) -> bool:
+        """Whether the instrument shows the response itself."""
+        return self.plain_instrument and self.observation.polarity == "normal"
+
+    @property
+    def _sampled_parts(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Linear map of histories (time, channel, part) to the samples of the sensor, 0 where a value is missing."""
+        observation = self.observation
+        if observation.sampling is None and not observation.missing:
+            return None
+        return lambda histories: np.asarray(observation.weighted(observation.instrument.sampled(histories)))
 
     def traced(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood and success of every run, inside JAX, computed in the cheapest way."""
         if self._model_error:
             return self._with_model_error(theta, measured)
         if self.discrepancy.independent:
-            squares, finite = self.squares(theta, measured)
-            return self.of_squares(squares, theta), finite
-        loop, fold = self.loop(self.parameters(theta), measured), self.fold(theta, len(measured.values))
+            each, finite = self._squares_of_signs(theta, measured)
+            return self._mean_of_signs([self.of_squares(squares, theta) for squares in each]), finite
+        loop, fold = self.loop(self.parameters(theta), measured), self.fold(theta)
         if loop is None or fold is None:
             response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
-        result, finite = loop.folded(fold, measured.values, self.residual(theta))
+        result, finite = loop.folded(*self.in_loop(fold, theta, measured.values, self.needs_mask))
         return self.of_fold(result, theta), finite
 
-    def fold(self, theta: Float[Array, "run parameter"], samples: int) -> Fold | None:
-        """Fold of the residuals over samples."""
+    def fold(self, theta: Float[Array, "run parameter"]) -> Fold | None:
+        """Fold of the residuals over samples, for one direction of the sensor."""
         if self.discrepancy.independent:
             return self.sum_of_squares(theta.shape[0])
-        return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, samples)
+        counts, gaps = self.observation.counts, bool(self.observation.missing)
+        more = {"gaps": True} if gaps else {}
+        return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, counts, **more)
 
     def sum_of_squares(self, runs: int) -> Fold:
         """Σ (y − M)² of every channel."""
         return sum_of_squares(jnp.zeros((len(self.channels), runs)))
 
     def of_fold(self, value: Any, theta: Float[Array, "run parameter"]) -> Float[Array, " run"]:
-        """Log-likelihood from the result of `fold`, inside JAX."""
-        return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
+        """Log-likelihood from the result of `in_loop`, inside JAX."""
+
+        def of_one(value: Any) -> Any:
+            return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
+
+        return (
+            of_one(value)
+            if len(self.observation.instrument.signs) == 1
+            else self._mean_of_signs([of_one(v) for v in value])
+        )
+
+    @property
+    def needs_mask(self) -> bool:
+        """Whether a sample of `fold` is a residual with a mask of the measured values."""
+        return bool(self.observation.missing) and not self.discrepancy.independent
+
+    def in_loop(self, fold: Fold, theta: Float[Array, "run parameter"], values: Any, masked: bool = False) -> InLoop:
+        """Apply a fold of residuals, with masks if wanted, to the response of a loop over the samples of the record.
+
+        An unknown direction of the sensor has one fold for each sign.
+        """
+        signs = self.observation.instrument.signs
+        residuals = [self.residual(theta, sign) for sign in signs]
+        fold = fold if len(signs) == 1 else side_by_side([fold] * len(signs))
+
+        def compared(response: Any, readings: Readings) -> Any:
+            each = [residual(response, readings) for residual in residuals]
+            each = [(r, readings.weights > 0.0) for r in each] if masked else each
+            return each[0] if len(each) == 1 else each
+
+        readings, sampling = self.readings(values), self.observation.sampling
+        if sampling is None:
+            return InLoop(fold, readings, lambda response, row: compared(self.measured_channels(response), row))
+        shape = (len(self.channels), theta.shape[0])
+        return InLoop(
+            *at_sensor_samples(fold, sampling.schedule, readings, compared, shape),
+            lambda response, row: (self.measured_channels(response), row),
+        )
 
     def squares(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
-        """Sum of squared residuals over time, inside JAX, computed in the cheapest way."""
-        parameters = self.parameters(theta)
-        if measured.shortcut is not None and not self.observation.nuisances():
-            return measured.shortcut.squares(parameters)
-        if self.observation.nuisances():
-            return self._squares(parameters, measured, self.residual(theta))
-        held = self.residual(lax.stop_gradient(theta))  # independent of θ here
+        """Sum of squared residuals over time, inside JAX, computed in the cheapest way; the smaller for an unknown polarity."""
+        each, finite = self._squares_of_signs(theta, measured)
+        return self.least_squares(each), finite
+
+    def _squares_of_signs(self, theta: Any, measured: Measured) -> tuple[list[Any], Any]:
+        """Sums of squared residuals for each direction of the sensor, inside JAX."""
+        parameters, shortcut = self.parameters(theta), measured.shortcut
+        if shortcut is not None:
+            return self._squares_by_shortcut(shortcut, parameters, theta)
+        if not self.plain_instrument:
+            return self._squares(parameters, measured, theta)
+        held = lax.stop_gradient(theta)  # the residual depends on θ only through the response
         result: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
         return result
 
-    def _squares(self, parameters: Any, measured: Measured, residual: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-        loop = self.loop(parameters, measured)
+    def _squares_by_shortcut(self, shortcut: Shortcut, parameters: Any, theta: Any) -> tuple[list[Any], Any]:
+        if self._plain_reading:
+            squares, finite = shortcut.squares(parameters)
+            return [squares], finite
+        unknown, runs = self.unknowns(theta), theta.shape[0]
+        coefficients = [
+            self.observation.instrument.coefficients(unknown, s, runs) for s in self.observation.instrument.signs
+        ]
+        each = [shortcut.squares(parameters, of_sign) for of_sign in coefficients]
+        return [squares for squares, _ in each], each[0][1]
+
+    def _squares(self, parameters: Any, measured: Measured, theta: Any) -> tuple[list[Any], Any]:
+        loop, signs = self.loop(parameters, measured), self.observation.instrument.signs
         if loop is None:
             response, finite = self._traceable.response(parameters, measured.excitation)
-            return (residual(response, measured.values) ** 2).sum(axis=0), finite
-        return loop.folded(self.sum_of_squares(parameters.shape[0]), measured.values, residual)
+            response = self.measured_channels(response)
+            residuals = [self._residual_of_all(response, theta, measured.values, sign) for sign in signs]
+            return [(residual**2).sum(axis=0) for residual in residuals], finite
+        result, finite = loop.folded(*self.in_loop(self.sum_of_squares(parameters.shape[0]), theta, measured.values))
+        return [result] if len(signs) == 1 else list(result), finite
+
+    @staticmethod
+    def least_squares(each: Sequence[Any]) -> Any:
+        """The smaller of the sums of squares for the directions of the sensor."""
+        return each[0] if len(each) == 1 else jnp.minimum(*each)
 
     @property
     def takes_samples(self) -> bool:
         """Whether the response can be processed sample by sample: there is no time shift and no separate model error."""
         return not self._model_error and self.observation.time_shift is None
+
+    @property
+    def reads_every_sample(self) -> bool:
+        """Whether the sensor has the record's sampling times and a known direction."""
+        return self.observation.sampling is None and len(self.observation.instrument.signs) == 1
 
     def loop(self, parameters: Float[Array, "run free_parameter"], measured: Measured) -> TimeLoop | None:
         """The loop over time that produces the response sample by sample."""
@@ -221,9 +389,11 @@ class ObservationLikelihood:
         if self.observation.sd is not None:
             # A surrogate's variance is constant in time. Divided by known variances it is not, and its mean is used.
             white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
-        residual = self.residual(theta)(response, measured.values)
-        result = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)
-        return self._in_si(result), finite
+        response = self.measured_channels(response)
+        each = [
+            self._given(response, theta, measured.values, sign, white) for sign in self.observation.instrument.signs
+        ]
+        return self._mean_of_signs(each), finite
 
     @property
     def _traceable(self) -> TraceableModel:
@@ -240,5 +410,5 @@ class ObservationLikelihood:
         """Log-likelihood and failure of every run of a model outside JAX."""
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
-        result = np.asarray(self.given(response, theta, self.compared(values)))
+        result = np.asarray(self.given(response, theta, self.weighted(values)))
         return np.where(run.done, result, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)

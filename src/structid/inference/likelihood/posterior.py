@@ -432,13 +432,14 @@ class Posterior(Target):
         Returns
         -------
         ndarray, shape (run, time, channel)
-            Log densities.
+            Log densities, and 0 for missing values.
         """
         theta = self.likelihood.points(theta)
         observation, unknown = self.observations[index], self.unknowns(theta, index)
         prediction = self.predict(theta, index) if prediction is None else prediction
-        residual = observation.in_sds((observation.values - prediction).transpose(1, 2, 0))
-        result = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.record.dt)
+        residual = observation.weighted((observation.values - prediction).transpose(1, 2, 0))
+        masked = self.likelihood.of[index].masked
+        result = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.step, **masked)
         return np.asarray(np.asarray(result).transpose(2, 0, 1) - observation.log_sds)
 
     @cached_property

@@ -45,9 +45,10 @@ def squares_of(
     """Sums of squared residuals of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
         folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
-        plain = not any(bound.observation.nuisances() for bound in bounds)
-        result, finite = _folded(bounds, theta, data, folds, plain)
-        return list(result), finite
+        plain = all(bound.plain_instrument for bound in bounds)
+        result, finite = _folded(bounds, theta, data, folds, plain, masked=False)
+        of_signs = [value if isinstance(value, tuple) else (value,) for value in result]
+        return [bound.least_squares(value) for bound, value in zip(bounds, of_signs, strict=True)], finite
     each, finite = zip(
         *(bound.squares(theta, data_of_one) for bound, data_of_one in zip(bounds, data, strict=True)), strict=True
     )
@@ -59,10 +60,10 @@ def log_likelihood_of(
 ) -> tuple[Any, Any]:
     """Log-likelihood of observations that share a response, inside JAX."""
     if _in_one_loop(bounds, theta, data):
-        folds = [bound.fold(theta, len(data_of_one.values)) for bound, data_of_one in zip(bounds, data, strict=True)]
+        folds = [bound.fold(theta) for bound in bounds]
         if all(fold is not None for fold in folds):
             plain = all(bound.needs_only_squares for bound in bounds)
-            result, finite = _folded(bounds, theta, data, folds, plain)
+            result, finite = _folded(bounds, theta, data, folds, plain, masked=True)
             return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, result, strict=True)), finite
     each, finite = zip(
         *(bound.traced(theta, data_of_one) for bound, data_of_one in zip(bounds, data, strict=True)), strict=True
@@ -79,23 +80,32 @@ def _in_one_loop(bounds: Sequence[ObservationLikelihood], theta: Any, data: Sequ
 
 
 def _folded(
-    bounds: Sequence[ObservationLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
+    bounds: Sequence[ObservationLikelihood],
+    theta: Any,
+    data: Sequence[Measured],
+    folds: Sequence[Any],
+    plain: bool,
+    masked: bool,
 ) -> tuple[Any, Any]:
     """Values of all folds, and whether the response is finite, from one loop over time.
 
-    `plain` means that residuals and folds depend on the model's parameters only through the response.
+    `plain` means that residuals and folds depend on the model's parameters only through the response; `masked` that the folds
+    take masks of the measured values where the error model needs them.
     """
-    first, values = bounds[0], tuple(data_of_one.values for data_of_one in data)
-    at = lax.stop_gradient(theta) if plain else theta
-    residuals = [bound.residual(at) for bound in bounds]
+    first, at = bounds[0], lax.stop_gradient(theta) if plain else theta
+    each = [
+        bound.in_loop(fold, at, data_of_one.values, masked and bound.needs_mask)
+        for bound, fold, data_of_one in zip(bounds, folds, data, strict=True)
+    ]
+    rows = tuple(of_one.rows for of_one in each)
 
-    def make(seen: Any, beside: Any) -> tuple[Any, ...]:
-        return tuple(residual(seen, data_of_one) for residual, data_of_one in zip(residuals, beside, strict=True))
+    def make(response: Any, row: Any) -> tuple[Any, ...]:
+        return tuple(of_one.make(response, row_of_one) for of_one, row_of_one in zip(each, row, strict=True))
 
     def folded(parameters: Any) -> Any:
         loop = first.loop(parameters, data[0])
         assert loop is not None  # `_in_one_loop` has checked this
-        return loop.folded(side_by_side(folds), values, make)
+        return loop.folded(side_by_side([of_one.fold for of_one in each]), rows, make)
 
     result: tuple[Any, Any] = (
         once_along_each(folded, first.parameters(theta)) if plain else folded(first.parameters(theta))

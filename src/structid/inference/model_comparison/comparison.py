@@ -56,9 +56,10 @@ def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], 
     """Cross-validate over stretches of the measurements by Pareto-smoothed importance sampling."""
     each, tails = [], []
     for index, observation in enumerate(posterior.observations):
-        if not 2 <= blocks <= len(observation.values):
-            raise InputError("leave_out(blocks)", f"{blocks}", f"2 to {len(observation.values)}")
-        pointwise = posterior.pointwise_log_likelihood(draws, index).sum(axis=2)
+        measured = observation.known.any(axis=1)
+        if not 2 <= blocks <= np.count_nonzero(measured):
+            raise InputError("leave_out(blocks)", f"{blocks}", f"2 to {np.count_nonzero(measured)}")
+        pointwise = posterior.pointwise_log_likelihood(draws, index)[:, measured].sum(axis=2)
         pointwise = pointwise[np.isfinite(pointwise).all(axis=1)]
         edges = np.linspace(0, pointwise.shape[1], blocks + 1).astype(int)[:-1]
         for density in np.add.reduceat(pointwise, edges, axis=1).T:

@@ -44,8 +44,9 @@ class BandScale:
         power = _relative_power(median, dt)
         factors = np.ones((len(LEVELS), measured.shape[1]))
         for channel in np.flatnonzero((half_width > 0.0).all(axis=0)):
-            away = np.abs(measured - median)[:, channel] / half_width[:, channel]
-            factors[:, channel] = _factors(away, power[:, channel])
+            known = np.isfinite(measured[:, channel])
+            away = (np.abs(measured - median)[:, channel] / half_width[:, channel])[known]
+            factors[:, channel] = _factors(away, power[known, channel])
         return cls(factors)
 
     def applied(self, draws: Float[np.ndarray, "draw time channel"], dt: float) -> np.ndarray:

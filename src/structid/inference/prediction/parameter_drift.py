@@ -142,13 +142,14 @@ def _projections(
     plus, minus = response[1 : count + 1], response[count + 1 :]
     sensitivity = (plus - minus) / (2.0 * steps[:, None, None])
     samples = response.shape[1]
-    weights = hats(np.arange(samples) * spans / max(samples - 1, 1), spans + 1)
+    duration = observation.record.dt * (len(observation.record) - 1)
+    weights = hats(observation.time * spans / max(duration, observation.record.dt), spans + 1)
     columns = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
-    series = np.concatenate([(observation.values - response[0])[..., None], columns], axis=2)
+    series = observation.weighted(np.concatenate([(observation.values - response[0])[..., None], columns], axis=2))
     unknown = {
         name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }
-    series = observation.in_sds(series)
-    white = np.asarray(posterior.discrepancy.whiten(series, unknown, observation.channels, observation.record.dt))
+    masked = posterior.likelihood.of[index].masked
+    white = np.asarray(posterior.discrepancy.whiten(series, unknown, observation.channels, observation.step, **masked))
     flat = white.reshape(-1, white.shape[2])
     return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]

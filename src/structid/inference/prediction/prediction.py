@@ -186,7 +186,7 @@ class Predictor:
             if index in sources.here:
                 places = sources.places(index)
                 there = [measured.channels.index(sources.channels[position]) for position in places]
-                scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, places], record.dt)
+                scale = self._band_scale(index, there, prediction, places)
                 whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have no added drift
         # A further prediction of the measured record would double the runs of an expensive model.
         if sources.here or self.posterior.costs_runs:
@@ -208,11 +208,31 @@ class Predictor:
             another = copy.copy(observation.record)  # records are distinguished by identity
             sources = Sources(observation.channels, (index,) * len(observation.channels), frozenset())
             prediction = self._responding(another, sources, None, instrument=True)
-            scale = BandScale.of(observation.values, prediction.observable, another.dt)
-            scaled = _scaled(prediction, scale, list(range(len(observation.channels))), another.dt)
-            ratio = _peak_ratio(observation.values, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+            every = list(range(len(observation.channels)))
+            scale = self._band_scale(index, every, prediction, every)
+            scaled = _scaled(prediction, scale, every, another.dt)
+            ratio = _peak_ratio(observation, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
             self._measured_again[index] = scale, ratio
         return self._measured_again[index]
+
+    def _band_scale(self, index: int, there: list[int], prediction: Prediction, places: list[int]) -> BandScale:
+        """Factors on the bands of some channels of an observation, `there`, which are `places` of the prediction."""
+        observation = self.posterior.observations[index]
+        observable = prediction.observable[:, :, places]
+        if observation.sampling is not None:
+            observable = self._at_samples(index, prediction.response[:, :, places], there)
+        return BandScale.of(observation.values[:, there], observable, observation.step)
+
+    def _at_samples(self, index: int, response: np.ndarray, there: list[int]) -> np.ndarray:
+        """Draws of the readings at the samples of a sensor, (draw, sample, channel)."""
+        observation = self.posterior.observations[index]
+        sampled = np.asarray(observation.instrument.sampled(response.transpose(1, 2, 0))).transpose(2, 0, 1)
+        shape = (*sampled.shape[:2], len(observation.channels))
+        rng = stream(self.seed, Purpose.PREDICTION_ON_THE_RECORD, index)
+        unknown = self.posterior.unknowns(self.theta[: len(sampled)], index)
+        errors = self.posterior.discrepancy.draw(rng, shape, unknown, observation.channels, observation.step)
+        sd = 1.0 if observation.sd is None else np.asarray(observation.sd)
+        return np.asarray(sampled + (sd * errors)[:, :, there])
 
     @cached_property
     def _measured_again(self) -> dict[int, tuple[BandScale, np.ndarray]]:
@@ -259,9 +279,10 @@ class Predictor:
             values = run.values[good][:, :, [run.channels.index(c) for c in channels]]
             if index is None or not len(values) or not (index in sources.here or instrument):
                 return np.asarray(values)
-            unknown = posterior.unknowns(theta[good], index)
-            shown = observations[index].transmit(values.transpose(1, 2, 0), unknown)
-            return np.asarray(shown).transpose(2, 0, 1)
+            observation, bound = observations[index], posterior.likelihood.of[index]
+            unknown, response = posterior.unknowns(theta[good], index), values.transpose(1, 2, 0)
+            sign = bound.sign(response, theta[good])
+            return np.asarray(observation.instrument.on_record(response, unknown, sign)).transpose(2, 0, 1)
 
         responses = {index: response_of(index, channels_of_one) for index, channels_of_one in measured.items()}
         plain = response_of(None, sources.channels)
@@ -332,7 +353,9 @@ class Predictor:
             return scale
         # The standard deviations hold for the measured record; another record takes their mean square.
         sd = np.asarray(observation.sd)
-        return np.asarray(sd if here else scale * np.sqrt(np.mean(sd**2, axis=0)))
+        if here:
+            return observation.instrument.edge_on_record(sd)
+        return np.asarray(scale * np.sqrt(np.mean(sd**2, axis=0, where=observation.known)))
 
 
 @dataclass(frozen=True)
@@ -370,19 +393,26 @@ class Sources:
         return [index_of_channel for index_of_channel, source in enumerate(self.of) if source == index]
 
 
-def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
+def _peak_ratio(observation: Observation, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
     """Ratio of measured to predicted peak, shape (channel,); the prediction includes noise, which raises peaks.
 
     Errors of a wrong model are smooth, but noise is not. σ² is therefore estimated from second differences of the
     residual, whose variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
     """
     structural = prediction.response if prediction.structural is None else prediction.structural
-    residual = measured - np.median(prediction.response, axis=0)
-    sd = np.sqrt(np.mean(np.diff(residual, 2, axis=0) ** 2, axis=0) / 6.0) if len(residual) > 2 else 0.0
-    predicted = np.median(_largest(structural + sd * rng.normal(size=structural.shape)), axis=0)
-    largest = _largest(measured[None])[0]
+    residual = observation.values - np.asarray(observation.instrument.sampled(np.median(prediction.response, axis=0)))
+    sd = np.sqrt(_mean_of_known(np.diff(residual, 2, axis=0) ** 2) / 6.0) if len(residual) > 2 else 0.0
+    noisy = structural + sd * rng.normal(size=structural.shape)
+    predicted = np.median(_largest(np.where(observation.covered[:, None], noisy, 0.0)), axis=0)
+    largest = observation.peaks
     moves = (largest > 0.0) & (predicted > 0.0)
     return np.where(moves, largest / np.where(moves, predicted, 1.0), 1.0)
+
+
+def _mean_of_known(values: np.ndarray) -> np.ndarray:
+    """Mean over the known values of each channel; 0 if none is known."""
+    known = np.isfinite(values)
+    return np.asarray(np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
 
 
 def _largest(histories: np.ndarray) -> np.ndarray:

@@ -41,13 +41,17 @@ STRAIGHT = 1e-4
 def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
     """Check the measured histories for faults that show without a model; return a question about each."""
     questions = []
-    for channel, values in zip(observation.channels, observation.values.T, strict=True):
+    for index, channel in enumerate(observation.channels):
+        known = observation.known[:, index]
+        values = observation.values[known, index]
         unit = units[channel].display
         problems = [_constant(channel, values, unit) or _straight(channel, values)]
         if not problems[0]:
             problems += [
-                _offset(channel, values, unit, observation),
-                gap(f"measured {channel}", values, observation.record.dt),
+                _offset(channel, values, observation.time[known], unit, observation),
+                gap(f"measured {channel}", np.nan_to_num(observation.values[:, index], nan=np.inf), observation.step)
+                if not known.all()
+                else gap(f"measured {channel}", values, observation.step),
                 clipped(f"measured {channel}", values, unit),
             ]
         questions += [sentence for sentence in problems if sentence]
@@ -96,7 +100,7 @@ def _straight(channel: str, values: np.ndarray) -> str:
     )
 
 
-def _offset(channel: str, values: np.ndarray, unit: str, observation: Observation) -> str:
+def _offset(channel: str, values: np.ndarray, time: np.ndarray, unit: str, observation: Observation) -> str:
     """Question about a mean that is large relative to the history, or present before the record begins."""
     if observation.offset is not None:
         return ""
@@ -107,14 +111,14 @@ def _offset(channel: str, values: np.ndarray, unit: str, observation: Observatio
             f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit}, {abs(mean) / spread:.1f} "
             f"times its standard deviation. {cure}"
         )
-    at_rest = values[: _begin(observation.record)]
-    if len(at_rest) < max(FEWEST, SHORTEST_REST / observation.record.dt):
+    rest = _begin(observation.record) * observation.record.dt
+    at_rest = values[time < rest]
+    if len(at_rest) < max(FEWEST, SHORTEST_REST / observation.step):
         return ""
     mean, peak = float(at_rest.mean()), float(np.abs(values).max())
     error = float(at_rest.std()) / np.sqrt(len(at_rest))
     if abs(mean) <= max(OFFSET_AT_REST * peak, STANDARD_ERRORS * error):
         return ""
-    rest = len(at_rest) * observation.record.dt
     return (
         f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit} in the {rest:.3g} s before the record begins, "
         f"{abs(mean) / peak:.0%} of its peak. {cure}"

@@ -50,10 +50,23 @@ class SideBySide:
     ) -> tuple[SideBySide, ...]:
         """Pair a response with an observation, channel by channel."""
         gain = 1.0 if observation.gain is None else float(observation.gain.quantile(np.array([0.5]))[0])
+        gain *= observation.instrument.signs[0]
         return tuple(
-            cls(channel, units[channel].display, gain * response[channel], observation.values[:, i], observation)
+            cls(
+                channel,
+                units[channel].display,
+                gain * np.asarray(observation.instrument.sampled(np.asarray(response[channel]))),
+                observation.values[:, i],
+                observation,
+            )
             for i, channel in enumerate(observation.channels)
         )
+
+    @property
+    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+        """Model and measurement without the model where a value is missing, both about the mean of the measured values."""
+        known = np.isfinite(self.measured)
+        return tuple(np.where(known, x - x[known].mean(), 0.0) for x in (self.modelled, self.measured))  # type: ignore[return-value]
 
     @property
     def record(self) -> Excitation:
@@ -62,11 +75,12 @@ class SideBySide:
 
     @property
     def _peaks(self) -> list[float]:
-        return [float(np.abs(values).max()) for values in (self.modelled, self.measured)]
+        known = np.isfinite(self.measured)
+        return [float(np.abs(values[known]).max()) for values in (self.modelled, self.measured)]
 
     @property
     def _frequencies(self) -> list[float]:
-        return [_main_frequency(values, self.record.dt) for values in (self.modelled, self.measured)]
+        return [_main_frequency(values, self.observation.step) for values in self._known]
 
     @property
     def sentence(self) -> str:
@@ -102,11 +116,11 @@ class SideBySide:
         """Question if the main frequencies differ and neither spectrum contains the other's main frequency."""
         modelled, measured = self._frequencies
         low, high = sorted((modelled, measured))
-        if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
+        if high <= OUT_OF_TUNE * max(low, 1.0 / (self.observation.step * len(self.measured))):
             return ""
         shares = [
-            _share_near(values, self.record.dt, frequency)
-            for values, frequency in ((self.modelled, measured), (self.measured, modelled))
+            _share_near(values, self.observation.step, frequency)
+            for values, frequency in zip(self._known, (measured, modelled), strict=True)
         ]
         if max(shares) > SHARED:
             return ""
@@ -119,13 +133,15 @@ class SideBySide:
     def _sign_known(self) -> bool:
         """Whether the prior of the gain allows only one sign."""
         gain = self.observation.gain
-        return gain is None or float(gain.cdf(np.zeros(1))[0]) in (0.0, 1.0)
+        of_gain = gain is None or float(gain.cdf(np.zeros(1))[0]) in (0.0, 1.0)
+        return of_gain and len(self.observation.instrument.signs) == 1
 
     @property
     def _together(self) -> float:
         """Correlation of model and measurement; 0 if one of them is constant."""
-        moving = bool(self.measured.std() and self.modelled.std())
-        return float(np.corrcoef(self.modelled, self.measured)[0, 1]) if moving else 0.0
+        modelled, measured = self._known
+        moving = bool(measured.std() and modelled.std())
+        return float(np.corrcoef(modelled, measured)[0, 1]) if moving else 0.0
 
     @property
     def _of_sign(self) -> str:
@@ -134,7 +150,7 @@ class SideBySide:
             return ""
         return (
             f"Model and measured {self.channel} have a correlation of {together:.2f}: they nearly agree with the sign reversed. "
-            "Does the instrument's positive direction match the record's? If not, set a gain of -1."
+            "Does the instrument's positive direction match the record's? If not, set polarity = 'reversed'."
         )
 
     @property
@@ -142,10 +158,10 @@ class SideBySide:
         """Question if model and measurement agree only after a time shift; a reversed sign is not a shift."""
         if self._together < OPPOSITE:
             return ""
-        shift, shifted, together = _best_shift(self.modelled, self.measured)
+        shift, shifted, together = _best_shift(*self._known)
         if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
             return ""
-        seconds = shift * self.record.dt
+        seconds = shift * self.observation.step
         return (
             f"Model and measured {self.channel} have a correlation of {together:.2f}, but of {shifted:.2f} if the measurement is "
             f"moved {abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Do measurement and record have the same time base? "

@@ -312,7 +312,7 @@ def _simulated(
     rng = stream(seed, Purpose.REPLICA_NOISE)
     error_model = posterior.discrepancy if noise is None else noise
     for index, observation in enumerate(posterior.observations):
-        unknown, dt = posterior.unknowns(truth, index), observation.record.dt
+        unknown, dt = posterior.unknowns(truth, index), observation.step
         shape = (replicas, len(observation.values), len(observation.channels))
         sd = 1.0 if observation.sd is None else observation.sd
         values[index] = values[index] + sd * error_model.draw(rng, shape, unknown, observation.channels, dt)

@@ -20,12 +20,15 @@ from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.error_model_kind import SQUARED
 from structid.inference.error_models.independent import IID
 from structid.models.base import Model
-from structid.observation import Observation
+from structid.observation import NUISANCES, Observation
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationTable, PriorTable, VirtualTable
 from structid.study.schema.study_file import CalibrationFile
+
+KEYS_OF_FILES = ("column", "time_column", "component", "dt", "sd_column", "baseline", "missing", "gaps")
+"""Keys of measured files."""
 
 
 def build_observation(
@@ -36,16 +39,18 @@ def build_observation(
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
     unit = _si_unit(section, f"key '{where}.unit'")
+    units_of_nuisances = {"gain": "", "offset": unit, "drift": f"({unit})/s" if unit else "", "time_shift": "s"}
     nuisances: dict[str, Any] = {
-        name: prior_of(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
-        for name in ("gain", "offset", "time_shift")
+        name: prior_of(prior, f"{where}.{name}", units_of_nuisances[name])
+        for name in NUISANCES
         if isinstance(prior := getattr(section, name), PriorTable)
     }
     sd = None if section.sd is None else to_si(section.sd, unit, f"key '{where}.sd'")
     if section.virtual is not None:
         truth, values = _virtual_experiment(section.virtual, record, section.channels, folder, seed, index)
         _refuse_keys_of_files(section, where)
-        return Observation(record, values, section.channels, name=where, sd=sd, **nuisances), truth
+        polarity = section.polarity
+        return Observation(record, values, section.channels, name=where, sd=sd, polarity=polarity, **nuisances), truth
     assert section.file is not None
     if len(section.channels) != 1:
         raise InputError(
@@ -62,15 +67,24 @@ def build_observation(
         raise InputError(f"key '{where}.sd'", "both sd and sd_column", "one of the two")
     path, channel = folder / section.file, section.channels[0]
     columns: dict[str, Any] = {
-        **{key: getattr(section, key) for key in ("column", "time_column", "component", "dt", "sd_column")},
+        **{key: value for key in (*KEYS_OF_FILES, "polarity") if (value := getattr(section, key)) is not None},
         "sd": sd,
     }
+    if section.baseline is not None:
+        columns["baseline"] = _seconds(section.baseline, f"key '{where}.baseline'")
+    columns["gaps"] = [_seconds(gap, f"key '{where}.gaps'") for gap in section.gaps or ()]
     return Observation.read(record, path, section.unit, channel, **columns, **nuisances), None
+
+
+def _seconds(pair: tuple[float | str, float | str], where: str) -> tuple[float, float]:
+    """Two times [s]."""
+    begin, end = (to_si(time, "s", where) for time in pair)
+    return begin, end
 
 
 def _refuse_keys_of_files(section: ObservationTable, where: str) -> None:
     """Reject keys that apply only to measured files if the experiment is virtual."""
-    for key in ("column", "time_column", "component", "dt", "sd_column"):
+    for key in KEYS_OF_FILES:
         if getattr(section, key) is not None:
             raise InputError(
                 f"key '{where}.{key}'",

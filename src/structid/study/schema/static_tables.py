@@ -37,7 +37,7 @@ class RecordTable(FileTable):
     column: int | str | None = None
     time_column: int | str | None = None
     component: int | str | None = None
-    baseline: Literal["constant", "linear"] | None = None
+    baseline: Literal["constant", "linear"] | tuple[Seconds, Seconds] | None = None
     highpass: Hertz | None = None
     lowpass: Hertz | None = None
     filter_order: int | None = Field(default=None, ge=1)
@@ -104,8 +104,13 @@ class ObservationTable(FileTable):
     dt: Seconds | None = None
     virtual: VirtualTable | None = None
     record: RecordTable | None = None
+    baseline: tuple[float | str, float | str] | None = None
+    missing: Literal["refuse", "leave_out"] | None = None
+    gaps: tuple[tuple[float | str, float | str], ...] | None = None
+    polarity: Literal["normal", "reversed", "unknown"] = "normal"
     gain: PriorTable | None = None
     offset: PriorTable | None = None
+    drift: PriorTable | None = None
     time_shift: float | str | PriorTable | None = None
     sd: float | str | None = None
     sd_column: int | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -71,10 +71,17 @@ class NARXBesideKriging(Surrogate):
         return loop._replace(usable=lambda state: loop.usable(state) & admitted)
 
     def shortcut(
-        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+        self,
+        excitation: Excitation,
+        values: Float[np.ndarray, "sample channel measurement"],
+        channels: tuple[str, ...],
+        sampled: Callable[[np.ndarray], np.ndarray] | None = None,
+        instrument: Float[np.ndarray, "sample channel column"] | None = None,
     ) -> ScoreShortcut | None:
         """Return the shortcut of the Kriging, if the record is one of its records; see `TraceableModel.shortcut`."""
-        return self.kriging.shortcut(excitation, values, channels) if self.knows(excitation.content_hash) else None
+        if not self.knows(excitation.content_hash):
+            return None
+        return self.kriging.shortcut(excitation, values, channels, sampled, instrument)
 
     def error_variance(
         self,

@@ -74,34 +74,45 @@ class ResponseSpaceSurrogate(Surrogate):
         return self.response  # two matrix products need no compilation
 
     def shortcut(
-        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+        self,
+        excitation: Excitation,
+        values: Float[np.ndarray, "sample channel measurement"],
+        channels: tuple[str, ...],
+        sampled: Callable[[np.ndarray], np.ndarray] | None = None,
+        instrument: Float[np.ndarray, "sample channel column"] | None = None,
     ) -> ScoreShortcut:
         """Precompute sums of modes and measurements over time; see `TraceableModel.shortcut`."""
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         shape = (fit.samples, len(fit.scale))
-        modes_of, inner, left_out, mean_of = [], [], [], []
-        for channel in channels:
-            position = self.channels.index(channel)
-            modes = fit.modes.reshape(-1, *shape)[:, :, position] * fit.scale[position]
-            modes_of.append(modes)
-            inner.append(modes @ modes.T)
-            mean_of.append(fit.mean.reshape(shape)[:, position] * fit.scale[position])
-            left_out.append(np.mean(fit.truncation.reshape(shape)[:, position] ** 2) * fit.scale[position] ** 2)
+        places = [self.channels.index(channel) for channel in channels]
+        scale = fit.scale[places]
+        modes = fit.modes.reshape(-1, *shape)[:, :, places] * scale
+        mean = fit.mean.reshape(shape)[:, places] * scale
+        left_out = np.mean(fit.truncation.reshape(shape)[:, places] ** 2, axis=0) * scale**2
+        if sampled is not None:
+            modes, mean = sampled(modes.transpose(1, 2, 0)).transpose(2, 0, 1), sampled(mean[:, :, None])[:, :, 0]
+        if instrument is not None:
+            # An unknown gain multiplies the mean, too: the mean and the columns of the instrument are further modes.
+            modes = np.concatenate([modes, mean[None], instrument.transpose(2, 0, 1)])
+            mean = np.zeros_like(mean)
+        modes_of = [np.ascontiguousarray(modes[:, :, index]) for index in range(len(channels))]
+        inner = [of_channel @ of_channel.T for of_channel in modes_of]
         parts = [
             [nearest_scores(modes, products, column - mean) for column in values[:, index].T]
-            for index, (modes, products, mean) in enumerate(zip(modes_of, inner, mean_of, strict=True))
+            for index, (modes, products, mean) in enumerate(zip(modes_of, inner, mean.T, strict=True))
         ]
         nearest, squares, levers = (np.array([[m[part] for m in of] for of in parts]) for part in range(3))
         return ScoreShortcut(
             self,
             excitation.content_hash,
             np.array(inner),
-            np.array(left_out),
+            left_out,
             float(len(values)),
             nearest,
             squares,
             levers,
+            orthogonal=sampled is None and instrument is None,
         )
 
     def error_variance(

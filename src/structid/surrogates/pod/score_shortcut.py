@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -44,6 +45,7 @@ class ScoreShortcut(Shortcut):
     nearest: Float[Array, "channel measurement component"]  # Scores nearest to each measurement
     squares_beyond: Float[Array, "channel measurement"]
     levers_beyond: Float[Array, "channel measurement component"]  # Φ beyond, which is zero up to rounding
+    orthogonal: bool = True  # whether ΦΦᵀ is a multiple of the identity, as it is at the samples of the record
 
     def for_runs(self, measurement: Int[Array, " run"]) -> ScoreShortcut:
         """Assign a separate measurement to each run; see `Shortcut.for_runs`."""
@@ -54,21 +56,27 @@ class ScoreShortcut(Shortcut):
             levers_beyond=self.levers_beyond[:, measurement],
         )
 
-    def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
+    def squares(
+        self, theta: Float[Array, "run parameter"], coefficients: Float[Array, "channel coefficient run"] | None = None
+    ) -> tuple[Any, Any]:
         """Return the sum of squares from the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ."""
         scores = self._record.scores.predict(self.surrogate.held_inside(theta))
-        squares = self._squares(scores)
+        if coefficients is None:
+            squares = self._squares([scores] * self.inner.shape[0])
+        else:
+            # c₀ (ȳ + Φᵀc) + Σ c_i column_i has the scores c₀ c, c₀, c₁, …
+            squares = self._squares([jnp.concatenate([of[:1] * scores.T, of]).T for of in coefficients])
         return squares, jnp.isfinite(squares).all(axis=0) & self.surrogate.admitted(theta)
 
     @property
     def _record(self) -> RecordFit:
         return self.surrogate.records[self.identity]
 
-    def _squares(self, scores: Any) -> Any:
-        """Return ‖r‖², shape (channel, run)."""
+    def _squares(self, scores: Sequence[Any]) -> Any:
+        """Return ‖r‖² from the scores of each channel, shape (channel, run)."""
         squares = []
-        for channel in range(self.inner.shape[0]):
-            gap = scores - self.nearest[channel]
+        for channel, of_channel in enumerate(scores):
+            gap = of_channel - self.nearest[channel]
             reached = product(gap, self.inner[channel]) - 2.0 * self.levers_beyond[channel]
             squares.append(self.squares_beyond[channel] + (reached * gap).sum(axis=1))
         return jnp.stack(squares)
@@ -87,7 +95,7 @@ class ScoreShortcut(Shortcut):
 
             −½ [(T − K) log 2πσ² + Σ log 2π(σ² + a²s²) + (‖r‖² − ‖p‖²)/σ² + Σ p²/(σ² + a²s²)].
         """
-        if len(self.surrogate.channels) > 1:
+        if len(self.surrogate.channels) > 1 or not self.orthogonal:
             return None
         scale = self._record.scale[0]
         scores, deviation = self.surrogate.scores_with_deviation(self._record, theta)
@@ -96,7 +104,7 @@ class ScoreShortcut(Shortcut):
         projected = (self._projected(scores)[0] / scale) ** 2
         along_log = jnp.log(2.0 * jnp.pi * along).sum(axis=1)
         determinant = (self.samples - scores.shape[1]) * jnp.log(2.0 * jnp.pi * beyond) + along_log
-        squares = (self._squares(scores)[0] - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
+        squares = (self._squares([scores])[0] - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
         density = -0.5 * (determinant + squares)
         return density, jnp.isfinite(density) & self.surrogate.admitted(theta)
 
@@ -104,7 +112,7 @@ class ScoreShortcut(Shortcut):
 jax.tree_util.register_dataclass(
     ScoreShortcut,
     data_fields=["inner", "left_out", "samples", "nearest", "squares_beyond", "levers_beyond"],
-    meta_fields=["surrogate", "identity"],
+    meta_fields=["surrogate", "identity", "orthogonal"],
 )
 
 

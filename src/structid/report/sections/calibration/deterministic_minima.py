@@ -109,7 +109,7 @@ def _identified(material: PosteriorMaterial) -> Picture:
         for name, s in _searches(material).items()
     }
     figure = figures.identified(
-        observation.record.time,
+        observation.time,
         observation.values[:, 0] / factor(unit),
         predictions,
         None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),

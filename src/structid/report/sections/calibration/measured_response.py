@@ -47,7 +47,8 @@ class _PredictedObservation:
         """Response of the draws, with and without errors, and of the MAP estimate."""
         material = self.material
         draws = predict(material.posterior, material.draws, seed=material.result.seed, observation=self.index)
-        return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
+        best = material.posterior.predict(material.best[None], self.index)[0]
+        return PredictedBand(draws, best, self.observation)
 
 
 class _PredictedLoops:

@@ -27,12 +27,12 @@ def _draw(material: ComparisonMaterial, index: int, column: int) -> Picture:
     unit = observation.channel_unit(channel).display
 
     def edges(prediction: Prediction, discrepancy: bool) -> tuple[np.ndarray, np.ndarray]:
-        low, high = prediction.band(discrepancy=discrepancy)
+        low, high = map(observation.instrument.edge_at_samples, prediction.band(discrepancy=discrepancy))
         return low[:, column] / factor(unit), high[:, column] / factor(unit)
 
     inner, outer = ([edges(one.predictions[index], wide) for one in material.classes] for wide in (False, True))
     measured = observation.values[:, column] / factor(unit)
-    figure = figures.side_by_side(observation.record.time, measured, inner, outer, material.names, channel, unit)
+    figure = figures.side_by_side(observation.time, measured, inner, outer, material.names, channel, unit)
     caption = f"Measured {channel} for {observation.record.name} around its peak, and the predictions of the classes."
     suffix = "" if len(material.observations) == 1 else f"_{index + 1}"
     return Picture(f"predictions_{channel}{suffix}", caption, figure)
