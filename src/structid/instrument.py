@@ -12,7 +12,10 @@ from jaxtyping import Float
 
 from structid.core.arrays import Array
 from structid.engine.device import jnp
-from structid.sensor_sampling import NODES, SensorSampling
+from structid.sensor_sampling import SensorSampling
+
+DELAY_NODES = 8
+"""Number of samples of the polynomial that delays a response by an unknown time shift."""
 
 POLARITIES = {"normal": (1.0,), "reversed": (-1.0,), "unknown": (1.0, -1.0)}
 """Possible signs of a sensor's direction."""
@@ -119,7 +122,7 @@ def _by_lines(times: np.ndarray, given: np.ndarray, values: np.ndarray) -> np.nd
 
 def _delayed(response: Any, samples: Any) -> Any:
     """Return M(t − τ) by polynomials through 8 samples; M is constant beyond the ends."""
-    steps, nodes = response.shape[0], range(1 - NODES // 2, NODES // 2 + 1)
+    steps, nodes = response.shape[0], range(1 - DELAY_NODES // 2, DELAY_NODES // 2 + 1)
     whole = jnp.floor(-samples)
     fraction = -samples - whole
     rows = jnp.arange(nodes[0], steps + nodes[-1])[:, None] + whole.astype(int)[None, :]

@@ -51,7 +51,7 @@ class Observation:
 
     The model of the measurement is polarity · gain · M(θ)(t − time_shift) + offset + drift · t + ε. A nuisance parameter
     without a prior has a fixed value (1, 0, 0, 0). The sensor may have its own sampling rate and start; M is then computed at
-    the sensor's times, by polynomials through 8 samples of the record. Missing values do not enter the likelihood.
+    the sensor's times, by polynomials through 6 samples of the record. Missing values do not enter the likelihood.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def sensor_coverage(
             axis.broken_barh(
                 widths, (row - 0.3, 0.6), color=colour, alpha=1.0 if colour == ACCENT else 0.35, label=label
             )
-    axis.set_yticks(range(len(sensors) + 1), [name, *(sensor for sensor, _, _ in sensors)])
+    axis.set_yticks(range(len(sensors) + 1), [name, *(pretty(sensor) for sensor, _, _ in sensors)])
     axis.invert_yaxis()
     axis.set_xlabel("time on the record's time base [s]")
     handles, labels = axis.get_legend_handles_labels()

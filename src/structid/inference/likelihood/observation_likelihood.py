@@ -133,7 +133,11 @@ class ObservationLikelihood:
             return None
         values = self.weighted(self.observation.values[:, :, None])
         each = jnp.stack([self._given(response, theta, values, sign) for sign in signs])
-        return jnp.array(signs)[jnp.argmax(each, axis=0)]
+        # At a variance of zero the densities are not finite, and the sum of squares decides.
+        residuals = [self._residual_of_all(response, theta, values, sign) for sign in signs]
+        squares = jnp.stack([(residual**2).sum(axis=(0, 1)) for residual in residuals])
+        better = jnp.where(jnp.isfinite(each).all(axis=0), each, -squares)
+        return jnp.array(signs)[jnp.argmax(better, axis=0)]
 
     def given(
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
