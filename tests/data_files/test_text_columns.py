@@ -263,7 +263,7 @@ def test_titles_of_times_that_cannot_be_understood(head, tmp_path):
     try:
         assert read_signal(file, "g", column=1).dt == pytest.approx(0.2e-3)
     except InputError as refusal:
-        assert "milliseconds" in str(refusal) or "no unit of time" in str(refusal)
+        assert "milliseconds" in str(refusal) or "not a unit of time" in str(refusal)
 
 
 UNEVEN = np.array([0.01, 0.04, 0.05, 0.10, 0.11, 0.15, 0.16, 0.20, 0.22, 0.25, 0.30, 0.31])
@@ -271,7 +271,7 @@ NEVER = {
     "uneven times with a step": ("Time [s];Acc [g]\n" + rows(UNEVEN, ACC), {"dt": 0.01}, "usual step"),
     "descending times with a step": ("Time [s];Acc [g]\n" + rows(0.01 * N[::-1], ACC), {"dt": 0.01}, "line"),
     "a spectrum": ("Frequency (Hz);Amplitude (g)\n" + rows(0.1 * N, ACC), {}, "spectrum|no time"),
-    "displacements for times": ("Displacement [mm];Acc [g]\n" + rows(0.05 * N, ACC), {}, "'mm'.*is no unit of time"),
+    "displacements for times": ("Displacement [mm];Acc [g]\n" + rows(0.05 * N, ACC), {}, "'mm'.*is not a unit of time"),
     "the step as the first value": ("0.02\n" + rows(ACC), {"dt": 0.02, "unit": "g"}, "first value, 0.02"),
     "the rate as the first value": ("100\n" + rows(ACC), {"dt": 0.01, "unit": "g"}, "first value, 100"),
     "a German thousands point": ("Zeit [s];a [mm/s²]\n0,000;2.000\n0,005;-3.500\n0,010;1.500\n", {}, "may be 2000 or 2.000"),

@@ -47,7 +47,7 @@ class MonteCarloError:
         return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
 
     def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Report draws that are too few for the limits, regardless of their density."""
+        """Report if there are too few draws for the limits, whatever their density."""
         of_correlation = self.correlation.max(axis=1)
         kinds = [
             (

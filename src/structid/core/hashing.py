@@ -56,7 +56,7 @@ class _Walk:
     numbers: dict[int, int] | None = None  # number of each described object; None while every object is spelled out
 
     def into(self, value: Any) -> _Walk:
-        """The walk inside an object."""
+        """The path from the outermost object to the parts of an object."""
         if self.numbers is not None:
             self.numbers[id(value)] = len(self.visited)
         elif len(self.visited) >= LARGEST_DESCRIPTION:

@@ -97,8 +97,8 @@ def read_signal(
             raise InputError(
                 file.path,
                 f"{name}={given!r} is given, but this is a file of the format {file.format}, which has no columns",
-                "the name or the number of a channel",
-                f"Give a component instead: component='{file.channels[0].name}'.",
+                "a component, which is the name or the number of a channel",
+                f"Give it: component='{file.channels[0].name}'.",
             )
     channel = pick_channel(file, si_unit, component)
     step, values = _at_constant_step(channel, dt)

@@ -66,7 +66,7 @@ def _channel(content: FileContent, start: int, _: int) -> tuple[list[FileChannel
 
 
 def _name(content: FileContent, start: int) -> tuple[int, str]:
-    """Return number and direction of a channel; the number at the station counts if it is there."""
+    """Return number and direction of a channel: the channel number of the station if the file states it."""
     line, match = content.require("channel, 'Chan 1: 90 Deg'", _CHANNEL, start, start + 10)
     station = re.search(r"sta chn\s*:\s*(\d+)", content.line(line), re.IGNORECASE)
     return int(station.group(1) if station is not None else match.group(1)), match.group(2)

@@ -45,7 +45,7 @@ class ColumnTable:
         return named or [n for n, unit in enumerate(self.units) if unit and seconds_of(unit) is not None]
 
     def _is_other_quantity(self, column: int) -> bool:
-        """Whether a column with the title t or T has a unit that is no time, such as a temperature."""
+        """Whether a column with the title t or T has a unit that is not a unit of time, such as a temperature."""
         unit = self.units[column]
         return (
             self.titles[column][:1] in "tT"

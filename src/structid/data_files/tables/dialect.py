@@ -151,7 +151,7 @@ def _without_words(lines: Sequence[str]) -> Iterator[str]:
 
 
 def _numbers_only(text: str) -> str:
-    """Drop exponents and missing values, so that what remains are letters of words."""
+    """Remove exponents and missing values, so that only the letters of words remain."""
     text = re.sub(r"(?<=[\d.])[eEdD](?=[-+]?\d)", "", text)
     return " ".join(word for word in re.split(r"[\s;,\"]+", text) if word.lower() not in MISSING_WORDS)
 

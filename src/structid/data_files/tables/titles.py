@@ -120,10 +120,10 @@ def is_time(title: str) -> bool:
 
 
 def time_factor(where: str, title: str, unit: str) -> float:
-    """Return the seconds of the unit of a column of times, one second without a unit; refuse a unit that is no time."""
+    """Return the seconds of the unit of a column of times, one second without a unit; refuse a unit that is not a unit of time."""
     if _NO_TIME_WORD.match(title.strip()):
         raise InputError(
-            where, f"the first column is '{title}', which is no time", "a column of times", "Name it: time_column=1."
+            where, f"the first column is '{title}', which is not a time", "a column of times", "Name it: time_column=1."
         )
     if not unit:
         return 1.0
@@ -131,7 +131,7 @@ def time_factor(where: str, title: str, unit: str) -> float:
     if factor is None:
         raise InputError(
             where,
-            f"the unit '{unit}' of the column '{title or 'of the times'}' is no unit of time",
+            f"the unit '{unit}' of the column '{title or 'of the times'}' is not a unit of time",
             "times in s, ms, µs, min or h",
             "Correct the title, as in 'time [ms]', or name another time_column, or give dt and the column of the values.",
         )

@@ -38,7 +38,7 @@ def kind_of(number: Number) -> str:
 
 
 class LookupTable:
-    """A small array of registers in memory, whose rows a loop reads in turn."""
+    """A small table in memory; a loop reads its rows in turn."""
 
     def __init__(self, code: VectorCode, numbers: Array) -> None:
         self._code, self._shape = code, numbers.shape[1:]

@@ -12,7 +12,7 @@ from structid.models.masonry.finite_elements.mesh import Mesh
 
 
 def with_rows(all_runs: Histories, rows: np.ndarray, again: Histories) -> Histories:
-    """Replace runs by their repetitions with shorter steps, if the repetitions end later."""
+    """Replace each run by its repetition with shorter steps, if the repetition reaches a later time."""
     further = again.done | (np.nan_to_num(again.failure_time) > all_runs.failure_time[rows])
     values, status, time = all_runs.values.copy(), all_runs.status.copy(), all_runs.failure_time.copy()
     reasons = list(all_runs.reasons)

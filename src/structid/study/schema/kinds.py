@@ -63,7 +63,7 @@ def _model_table(kind: ModelKind) -> Any:
 
 
 def virtual_table(kinds: Iterable[ModelKind]) -> Any:
-    """Type of the table of a virtual experiment."""
+    """Class of the table ``[observation.virtual]``."""
     model: Any = model_table(kinds)
     return create_model("virtual_table", __base__=VirtualTable, model=(model, ...))
 

@@ -50,7 +50,11 @@ def structure_of(
     if isinstance(given, Mapping):
         wrong = [c for c in given if c not in channels] or [c for c in channels if c not in given]
         if wrong:
-            raise InputError("terms", f"terms of {', '.join(given)}", f"terms of {', '.join(channels)}, by channel")
+            raise InputError(
+                "terms",
+                f"terms for the channels {', '.join(given)}",
+                f"terms for each of the channels {', '.join(channels)}",
+            )
     of_outputs = tuple(as_terms(given[c] if isinstance(given, Mapping) else given) for c in channels)
     held = as_memories(memories)
     for terms in of_outputs:
