@@ -270,7 +270,7 @@ UNEVEN = np.array([0.01, 0.04, 0.05, 0.10, 0.11, 0.15, 0.16, 0.20, 0.22, 0.25, 0
 NEVER = {
     "uneven times with a step": ("Time [s];Acc [g]\n" + rows(UNEVEN, ACC), {"dt": 0.01}, "usual step"),
     "descending times with a step": ("Time [s];Acc [g]\n" + rows(0.01 * N[::-1], ACC), {"dt": 0.01}, "line"),
-    "a spectrum": ("Frequency (Hz);Amplitude (g)\n" + rows(0.1 * N, ACC), {}, "spectrum|no time"),
+    "a spectrum": ("Frequency (Hz);Amplitude (g)\n" + rows(0.1 * N, ACC), {}, "spectrum|not a time"),
     "displacements for times": ("Displacement [mm];Acc [g]\n" + rows(0.05 * N, ACC), {}, "'mm'.*is not a unit of time"),
     "the step as the first value": ("0.02\n" + rows(ACC), {"dt": 0.02, "unit": "g"}, "first value, 0.02"),
     "the rate as the first value": ("100\n" + rows(ACC), {"dt": 0.01, "unit": "g"}, "first value, 100"),
