@@ -227,14 +227,10 @@ class Observation:
     def _check_length(self, samples: int, dt: float, where: str) -> None:
         """Refuse a measurement that is not as long as the record, if its start is not given."""
         record = self.record
-        if dt == record.dt:
-            fits = samples == len(record)
-        else:
-            fits = abs(samples * dt - len(record) * record.dt) <= max(dt, record.dt) * (1.0 + SAME_STEP)
-        if fits:
+        if _as_long(samples * dt, record, dt):
             return
         steps = f" (time steps: {dt:g} s and {record.dt:g} s)" if dt != record.dt else ""
-        given = "" if self.step is not None else " Give dt if the measurement has another time step."
+        given = "" if self.dt is not None else " Give dt if the measurement has another time step."
         raise InputError(
             where,
             f"{samples} samples, but the record has {len(record)}{steps}",

@@ -53,7 +53,7 @@ class SensorSampling:
         """Return the sums for sample times within a record; None if they are the samples of the record."""
         position = np.asarray(times) / dt
         nearest = np.clip(np.rint(position).astype(int), 0, steps - 1)
-        rate = (len(position) - 1) / (position[-1] - position[0])
+        rate = (len(position) - 1) / max(position[-1] - position[0], ON_A_SAMPLE)
         if np.abs(position - nearest).max(initial=0.0) < ON_A_SAMPLE:
             whole = len(nearest) == steps and bool((nearest == np.arange(steps)).all())
             return None if whole else cls(nearest, np.ones((len(nearest), 1)), steps, rate)

@@ -209,10 +209,21 @@ def test_sac_and_miniseed(tmp_path):
         with pytest.raises(InputError, match="does not state a unit"):
             si.GroundMotion.read(tmp_path / name)
     pieces = obspy.Stream([trace, trace.copy()])
-    pieces[1].stats.starttime += 10.0
+    pieces[1].stats.starttime += 0.005 * (len(VALUES) + 40)
     pieces.write(str(tmp_path / "gap.mseed"), format="MSEED")
-    with pytest.raises(InputError, match="several pieces of the channel"):
+    with pytest.raises(InputError, match=r"40 of .* values of the channel 'HNE' are missing.*missing = 'leave_out'"):
         si.GroundMotion.read(tmp_path / "gap.mseed", unit="m/s^2")
+    (channel,) = read_file(tmp_path / "gap.mseed").channels
+    assert np.flatnonzero(np.isnan(channel.values)).tolist() == list(range(len(VALUES), len(VALUES) + 40))
+    record = si.GroundMotion(np.sin(np.arange(2 * len(VALUES) + 40)), 0.005)
+    measured = si.Observation.read(
+        record, tmp_path / "gap.mseed", "m/s^2", "absolute_acceleration", missing="leave_out"
+    )
+    assert measured.missing == 40 and measured.dt == 0.005
+    pieces[1].stats.starttime -= 0.005 * 60
+    pieces.write(str(tmp_path / "overlap.mseed"), format="MSEED")
+    with pytest.raises(InputError, match=r"pieces of the channel .* that overlap"):
+        si.GroundMotion.read(tmp_path / "overlap.mseed", unit="m/s^2")
 
 
 def test_a_missing_library_is_named(tmp_path, monkeypatch):

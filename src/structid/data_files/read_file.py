@@ -102,7 +102,20 @@ def read_signal(
             )
     channel = pick_channel(file, si_unit, component)
     step, values = _at_constant_step(channel, dt)
+    if not gaps:
+        _refuse_missing(channel, values)
     return Columns(channel.start, step, (values * _factor(file, channel, unit, si_unit))[:, None])
+
+
+def _refuse_missing(channel: FileChannel, values: np.ndarray) -> None:
+    missing = np.count_nonzero(~np.isfinite(values))
+    if missing:
+        raise InputError(
+            channel.where,
+            f"{missing} of {values.size} values of the channel '{channel.name}' are missing",
+            "a value for every sample",
+            "structid does not fill gaps. Repair a record; for a measurement, set missing = 'leave_out'.",
+        )
 
 
 def _check_choices(dt: object, unit: object, **choices: object) -> None:

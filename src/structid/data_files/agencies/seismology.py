@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import io
 import struct
+from typing import Any
+
+import numpy as np
 
 from structid.core.errors import InputError
 from structid.data_files.base import FileChannel, FileFormat, check_step, optional_library
 from structid.data_files.file_content import FileContent
+from structid.data_files.time_axis import ROUNDED_TIME
 
 _SAC_VERSION_AT, _SAC_VERSIONS = 304, (6, 7)
 """Byte at which a SAC header has its version, and the versions."""
@@ -41,22 +45,33 @@ def _obspy_reader(name: str) -> FileFormat:
             raise InputError(
                 content.path, f"ObsPy cannot read it: {cause}", f"a {name} file", "Download it again."
             ) from cause
-        channels = []
-        for n, trace in enumerate(stream, start=1):
-            if any(other is not trace and other.id == trace.id for other in stream):
-                gap = "Merge the pieces with ObsPy, and decide how gaps are filled."
-                raise InputError(
-                    content.path, f"several pieces of the channel {trace.id}", "one piece without a gap", gap
-                )
-            step = check_step(content.path, float(trace.stats.delta))
-            values = trace.data.astype(float)
-            clock = str(trace.stats.starttime)
-            channels.append(
-                FileChannel(trace.stats.channel or trace.id, values, "", n, step, clock=clock, where=content.path)
-            )
-        return channels
+        pieces: dict[str, list[Any]] = {}
+        for trace in stream:
+            pieces.setdefault(trace.id, []).append(trace)
+        return [_channel(content, traces, n) for n, traces in enumerate(pieces.values(), start=1)]
 
     return FileFormat({"SAC": "SAC", "MSEED": "miniSEED"}[name], recognises, read)
+
+
+def _channel(content: FileContent, traces: list[Any], number: int) -> FileChannel:
+    """Join the pieces of a channel; the samples between them are missing, NaN."""
+    traces = sorted(traces, key=lambda trace: trace.stats.starttime)
+    first = traces[0].stats
+    step = check_step(content.path, float(first.delta))
+    values = np.empty(0)
+    for trace in traces:
+        begin = float(trace.stats.starttime - first.starttime) / step
+        gap = round(begin) - len(values)
+        if abs(begin - round(begin)) > ROUNDED_TIME or gap < 0 or float(trace.stats.delta) != step:
+            raise InputError(
+                content.path,
+                f"pieces of the channel {trace.id} that overlap, or are not at the same step",
+                "pieces at one time step, one after another",
+                "Merge the pieces with ObsPy, and save the file again.",
+            )
+        values = np.concatenate([values, np.full(gap, np.nan), trace.data.astype(float)])
+    clock = str(first.starttime)
+    return FileChannel(first.channel or traces[0].id, values, "", number, step, clock=clock, where=content.path)
 
 
 SAC, MINISEED = _obspy_reader("SAC"), _obspy_reader("MSEED")

@@ -432,7 +432,7 @@ class Posterior(Target):
         Returns
         -------
         ndarray, shape (run, time, channel)
-            Log densities, and 0 for missing values.
+            Log densities, and 0 for missing values; for an unknown polarity, those of the more probable direction.
         """
         theta = self.likelihood.points(theta)
         observation, unknown = self.observations[index], self.unknowns(theta, index)
