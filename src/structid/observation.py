@@ -18,7 +18,7 @@ from structid.core.validation import check_arguments, check_name
 from structid.data_files.read_file import read_signal
 from structid.engine.array_module import namespace
 from structid.ground_motion.excitation import Excitation
-from structid.ground_motion.processing import remove_offset
+from structid.ground_motion.processing import between, remove_offset
 from structid.instrument import POLARITIES, Instrument, parameter_name
 from structid.probability.truncation import Marginal
 from structid.sensor_sampling import SensorSampling
@@ -39,6 +39,12 @@ SAME_STEP = 1e-6
 
 FEWEST_VALUES = 10
 """Smallest number of measured values of a channel."""
+
+COMMON_SHARE = 0.5
+"""Share of common values from which on two measurements may be copies."""
+
+AT_ZERO = 1e-3
+"""Time, in steps, below which the first time of a file is zero."""
 
 ROUNDED = 5e-4
 """Difference relative to the peak below which two measurements are the same."""
@@ -387,14 +393,22 @@ class Observation:
                 "a unit",
                 "Give it: unit='kN'.",
             )
+        if isinstance(time_shift, bool):
+            raise InputError(f"{path}: time_shift", f"{time_shift}", "a time in seconds, or its prior")
         leave_out = check_choice(f"{path}: missing", missing, ("refuse", "leave_out")) == "leave_out"
         start, step, values = read_signal(path, unit, dt, column, si, others, time_column, component, leave_out)
         time = start + step * np.arange(len(values))
         values = _without(gaps, time, values, f"{path}: gaps")
         if baseline is not None:
             values = np.concatenate(
-                [remove_offset(values[:, :1], time, baseline, f"{path}: baseline"), values[:, 1:]], axis=1
+                [
+                    remove_offset(values[:, :1], time, _pair(baseline, f"{path}: baseline"), f"{path}: baseline"),
+                    values[:, 1:],
+                ],
+                axis=1,
             )
+        if abs(start) < AT_ZERO * step:
+            start = 0.0
         prior = time_shift if isinstance(time_shift, Marginal) else None
         known_shift = time_shift if isinstance(time_shift, (int, float)) else None
         if prior is not None and not (abs(start) <= 0.5 * step and len(values) == len(record)):
@@ -426,7 +440,7 @@ class Observation:
             units=units,
             sd=values[:, 1] if others else sd,
             clock=clock,
-            start=0.0 if known_shift is None else start - known_shift,
+            start=start - (known_shift or 0.0),
             polarity=polarity,
             **nuisances,
         )
@@ -465,16 +479,29 @@ class Observation:
             If another observation has the same values to three digits, for the same channels and record.
         """
         for number, other in enumerate(others, start=1):
-            same = self.channels == other.channels and self.record.content_hash == other.record.content_hash
-            same = same and self.values.shape == other.values.shape and bool((self.known == other.known).all())
-            # A second copy may be rounded. Two tests on one record differ by more than rounding.
-            if same and np.nanmax(np.abs(self.values - other.values)) <= ROUNDED * self.peaks.max():
+            if self._repeats(other):
                 raise InputError(
                     f"observation {len(others) + 1}",
                     f"it repeats the measurement of observation {number}",
                     "each measurement once",
                     "Remove the copy, since repeated data would count twice.",
                 )
+
+    def _repeats(self, other: Observation) -> bool:
+        """Whether another observation has the same values at the times that both have."""
+        if self.channels != other.channels or self.record.content_hash != other.record.content_hash:
+            return False
+        later = (other.begin - self.begin) / self.step
+        shift = round(later)
+        if not _same_step(self.step, other.step) or abs(later - shift) > AT_ZERO:
+            return False
+        mine, others = self.values[max(shift, 0) :], other.values[max(-shift, 0) :]
+        count = min(len(mine), len(others))
+        differences = np.abs(mine[:count] - others[:count])
+        common = np.isfinite(differences)
+        enough = common.sum() >= COMMON_SHARE * min(self.known.sum(), other.known.sum())
+        # A second copy may be rounded. Two tests on one record differ by more than rounding.
+        return bool(enough and differences[common].max(initial=0.0) <= ROUNDED * self.peaks.max())
 
     @property
     def weights(self) -> np.ndarray | None:
@@ -598,8 +625,10 @@ def _checked_channels(given: Any, where: str) -> tuple[str, ...]:
 def _without(gaps: Sequence[tuple[float, float]], time: np.ndarray, values: np.ndarray, where: str) -> np.ndarray:
     """Return values with NaN in some stretches of time."""
     values = values.copy()
-    for begin, end in gaps:
-        inside = (time >= begin) & (time <= end)
+    if not isinstance(gaps, Sequence) or isinstance(gaps, str):
+        raise InputError(where, f"{gaps!r}", "a list of pairs of times in seconds, such as [(9.1, 9.8)]")
+    for begin, end in (_pair(gap, where) for gap in gaps):
+        inside = between(time, begin, end)
         if not inside.any():
             raise InputError(
                 where,
@@ -608,6 +637,14 @@ def _without(gaps: Sequence[tuple[float, float]], time: np.ndarray, values: np.n
             )
         values[inside, 0] = np.nan
     return values
+
+
+def _pair(given: Any, where: str) -> tuple[float, float]:
+    """Return begin and end of a stretch [s], after a check."""
+    pair = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
+    if len(pair) != 2 or not all(isinstance(time, (int, float)) and not isinstance(time, bool) for time in pair):
+        raise InputError(where, f"{given!r}", "a pair of times in seconds, such as (9.1, 9.8)")
+    return float(pair[0]), float(pair[1])
 
 
 def _checked_values(given: Any, channels: tuple[str, ...], where: str) -> np.ndarray:
@@ -620,6 +657,8 @@ def _checked_values(given: Any, channels: tuple[str, ...], where: str) -> np.nda
             f"an array of shape {np.shape(given)}",
             f"(time, {len(channels)}) for the channels {', '.join(channels)}",
         )
+    if not len(values):
+        raise InputError(where, "no values", "a measured history")
     if np.isinf(values).any():
         raise InputError(
             where,

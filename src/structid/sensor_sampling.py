@@ -59,10 +59,15 @@ class SensorSampling:
             return None if whole else cls(nearest, np.ones((len(nearest), 1)), steps, rate)
         return cls(*_stencils(position, steps), steps, rate)
 
+    @property
+    def on_samples(self) -> bool:
+        """Whether every sample of the sensor is at a sample of the record."""
+        return bool(self.weights.shape[1] == 1)
+
     def apply(self, histories: Float[Array, "time *rest"]) -> Float[Array, "sample *rest"]:
         """Return the samples of the sensor, inside JAX or of NumPy arrays."""
         numpy, shape = namespace(histories), (len(self.first),) + (1,) * (histories.ndim - 1)
-        if self.weights.shape[1] == 1:
+        if self.on_samples:
             return histories[self.first]
         total = numpy.zeros((len(self.first), *histories.shape[1:]))
         for node, weights in enumerate(self.weights.T):

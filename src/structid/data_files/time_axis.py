@@ -13,6 +13,15 @@ from structid.core.errors import InputError
 ROUNDED_TIME = 0.05
 """Largest error of a printed time, as a fraction of the time step."""
 
+ROUNDED_FOR_A_STEP = 0.3
+"""The same if the time step is given."""
+
+SAME_STEP = 1e-3
+"""Relative difference below which printed times have a given step."""
+
+SORT = "Sort the lines by time, remove doubled lines, or give the time step, such as dt=0.01."
+"""Remedy for times that are no multiples of a step although lines may be missing."""
+
 LARGEST_DENOMINATOR = 100_000
 """Largest denominator of a time step, as a fraction of a second; no instrument needs a larger denominator."""
 
@@ -31,20 +40,33 @@ def constant_step(times: Float[np.ndarray, " time"], at: Callable[[int], str], r
     return _simplest_step(step, max(2.0 * deviation / (times.size - 1), 1e-12 * step))
 
 
-def step_with_gaps(times: Float[np.ndarray, " row"], at: Callable[[int], str]) -> tuple[float, Int[np.ndarray, " row"]]:
+def step_with_gaps(
+    times: Float[np.ndarray, " row"], at: Callable[[int], str], dt: float | None = None
+) -> tuple[float, Int[np.ndarray, " row"]]:
     """Return the step [s] of printed times of which some are missing, and the sample of each row.
 
-    Times that are no multiples of the usual step are refused.
+    Times that are no multiples of the usual step, or of a given one, are refused.
     """
-    usual = float(np.median(np.diff(times)))
-    if usual <= 0.0:
-        raise _irregular(times, at)
-    # The multiples are rounded one by one, since an error of the usual step adds up along a record.
-    samples = np.concatenate([[0], np.cumsum(np.rint(np.diff(times) / usual).astype(int))])
+    if len(times) < 2:
+        raise InputError(at(0), f"{len(times)} times", "two or more times", "Give the time step, such as dt=0.01.")
+    steps = np.diff(times)
+    median = float(np.median(steps))
+    if median <= 0.0:
+        raise _irregular(times, at, SORT)
+    # Printed times are rounded: the mean of the regular steps is more precise than their median.
+    usual = float(steps[np.abs(steps - median) < 0.5 * median].mean()) if dt is None else dt
+    samples = np.concatenate([[0], np.cumsum(np.rint(steps / usual).astype(int))])
     step = float(times[-1] - times[0]) / max(int(samples[-1]), 1)
     deviation = float(np.abs(times - times[0] - step * samples).max())
-    if (np.diff(samples) < 1).any() or deviation > ROUNDED_TIME * step:
-        raise _irregular(times, at)
+    allowed = ROUNDED_TIME if dt is None else ROUNDED_FOR_A_STEP
+    if (np.diff(samples) < 1).any() or deviation > allowed * step:
+        raise _irregular(times, at, SORT)
+    if dt is not None and abs(step / dt - 1.0) > SAME_STEP:
+        raise InputError(
+            at(1), f"the times increase by {step:.6g} s, but dt={dt:g} is given", "one time step", "Leave dt out."
+        )
+    if dt is not None:
+        return dt, samples
     return _simplest_step(step, max(2.0 * deviation / samples[-1], 1e-12 * step)), samples
 
 
@@ -54,7 +76,7 @@ def _simplest_step(step: float, resolution: float) -> float:
     return float(simplest) if simplest.denominator <= LARGEST_DENOMINATOR else float(f"{step:.9g}")
 
 
-def _irregular(times: np.ndarray, at: Callable[[int], str]) -> InputError:
+def _irregular(times: np.ndarray, at: Callable[[int], str], cure: str = "") -> InputError:
     """Name the first time that does not follow the usual step."""
     steps = np.diff(times)
     usual = float(np.median(steps))
@@ -64,7 +86,8 @@ def _irregular(times: np.ndarray, at: Callable[[int], str]) -> InputError:
         at(index),
         f"time {times[index]:.9g} s follows {times[index - 1]:.9g} s, but the usual step is {usual:.6g} s",
         "times that increase by a constant step",
-        "Resample the record to a constant step first. If lines are missing in a measurement, set missing = 'leave_out'. If "
+        cure
+        or "Resample the record to a constant step first. If lines are missing in a measurement, set missing = 'leave_out'. If "
         "numbers have decimal commas, separate the columns by semicolons.",
     )
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.core.errors import InputError, check_choice
 
@@ -46,12 +46,18 @@ def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") 
     return corrected
 
 
+def between(time: Float[np.ndarray, " time"], begin: float, end: float) -> Bool[np.ndarray, " time"]:
+    """Return a mask of the samples from one time to another, both included; times may be rounded."""
+    tolerance = 1e-6 * (time[1] - time[0]) if len(time) > 1 else 0.0
+    return np.asarray((time >= begin - tolerance) & (time <= end + tolerance))
+
+
 def remove_offset(
     values: Float[np.ndarray, "time *column"], time: Float[np.ndarray, " time"], rest: tuple[float, float], where: str
 ) -> Float[np.ndarray, "time *column"]:
     """Subtract the mean of the known values between two times at rest."""
     begin, end = rest
-    at_rest = values[(time >= begin) & (time <= end)]
+    at_rest = values[between(time, begin, end)]
     if not np.isfinite(at_rest).any():
         raise InputError(
             where,

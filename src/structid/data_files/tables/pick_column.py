@@ -58,8 +58,9 @@ def columns_of_table(
         _refuse_wrapped(table)
     if time is not None and time in columns:
         raise InputError(table.at(0), f"column {time} is the time", "a column of values", "Give another column.")
-    if gaps and time is not None and dt is None and table.step is None and not table.stamp:
-        start, step, values = _with_gaps(table, time, columns)
+    if gaps and time is not None and not table.stamp:
+        _check_one_step(table, dt)
+        start, step, values = _with_gaps(table, time, columns, table.step if dt is None else dt)
         return Columns(start, step, values * _factor(table, columns, unit, si_unit))
     start, step = _start_and_step(table, time, dt)
     values = table.values[:, columns]
@@ -236,8 +237,8 @@ def _refuse_wrapped(table: ColumnTable) -> None:
     )
 
 
-def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> tuple[float, float]:
-    """Return the first time and the time step [s]; a given step must agree with the file's."""
+def _check_one_step(table: ColumnTable, dt: float | None) -> None:
+    """Refuse a step that contradicts the first line of the file."""
     if table.step is not None and dt is not None and abs(table.step / dt - 1.0) > 1e-3:
         raise InputError(
             table.path,
@@ -245,6 +246,11 @@ def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> t
             "one time step",
             "Leave dt out.",
         )
+
+
+def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> tuple[float, float]:
+    """Return the first time and the time step [s]; a given step must agree with the file's."""
+    _check_one_step(table, dt)
     if time is None or table.stamp:
         step = dt if dt is not None else table.step
         assert step is not None
@@ -265,11 +271,13 @@ def _start_and_step(table: ColumnTable, time: int | None, dt: float | None) -> t
     return float(times[0] * seconds), step
 
 
-def _with_gaps(table: ColumnTable, time: int, columns: Sequence[int]) -> tuple[float, float, np.ndarray]:
+def _with_gaps(
+    table: ColumnTable, time: int, columns: Sequence[int], dt: float | None
+) -> tuple[float, float, np.ndarray]:
     """Return the first time, the step, and the values with NaN for each missing line or cell."""
     rows = np.flatnonzero(np.isfinite(table.values[:, time]))
     times = table.values[rows, time] * _seconds(table, time)
-    step, samples = step_with_gaps(times, lambda row: table.at(int(rows[row])))
+    step, samples = step_with_gaps(times, lambda row: table.at(int(rows[row]) if len(rows) else 0), dt)
     values = np.full((samples[-1] + 1, len(columns)), np.nan)
     values[samples] = np.where(np.isfinite(cells := table.values[rows][:, columns]), cells, np.nan)
     return float(times[0]), step, values

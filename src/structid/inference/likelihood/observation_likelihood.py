@@ -392,7 +392,7 @@ class ObservationLikelihood:
             white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
         if self.observation.sd is not None:
             # A surrogate's variance is constant in time. Divided by known variances it is not, and its mean is used.
-            white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
+            white = white * np.mean(self.observation.sd**-2.0, axis=0, where=self.observation.known)[:, None]
         response = self.measured_channels(response)
         each = [
             self._given(response, theta, measured.values, sign, white) for sign in self.observation.instrument.signs

@@ -148,9 +148,10 @@ class SideBySide:
         together = self._together
         if together >= OPPOSITE or not self._sign_known:
             return ""
+        other = "normal" if self.observation.polarity == "reversed" else "reversed"
         return (
             f"Model and measured {self.channel} have a correlation of {together:.2f}: they nearly agree with the sign reversed. "
-            "Does the instrument's positive direction match the record's? If not, set polarity = 'reversed'."
+            f"Does the instrument's positive direction match the record's? If not, set polarity = '{other}'."
         )
 
     @property

@@ -50,6 +50,7 @@ def build_observation(
         truth, values = _virtual_experiment(section.virtual, record, section.channels, folder, seed, index)
         _refuse_keys_of_files(section, where)
         polarity = section.polarity
+        values = -values if polarity == "reversed" else values  # as this sensor shows them
         return Observation(record, values, section.channels, name=where, sd=sd, polarity=polarity, **nuisances), truth
     assert section.file is not None
     if len(section.channels) != 1:

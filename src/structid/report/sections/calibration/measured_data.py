@@ -61,6 +61,8 @@ def _coverage(material: PosteriorMaterial, index: int) -> Picture:
     figure = figures.sensor_coverage((record.name or "record", 0.0, float(record.time[-1])), rows)
     words = "; ".join(f"{' and '.join(o.channels)}: {o.sensor_in_words}" for o in sensors if o.sensor_in_words)
     caption = f"Measured values on the time base of {record.name or 'the record'}. {words[:1].upper()}{words[1:]}."
+    if any(o.sampling is not None and not o.sampling.on_samples for o in sensors):
+        caption += " Between samples of the record, the response is a polynomial through the 6 nearest ones."
     return Picture(f"sensors{material.suffix(index)}", caption, figure)
 
 
