@@ -362,3 +362,16 @@ def test_thousands_with_spaces_between_cells(tmp_path):
     np.testing.assert_allclose(read_signal(written(tmp_path, text), "N").values[:, 0], [1234.5, -2000.0, 3.0])
     text = "t [s];F [N]\n0,00;3\u202f100,5\n0,01;-2\u00a0000,0\n0,02;3,0\n"
     np.testing.assert_allclose(read_signal(written(tmp_path, text)).values[:, 0], [3100.5, -2000.0, 3.0])
+
+
+def test_a_line_that_looks_like_titles_above_the_titles(tmp_path):
+    """A specimen called T1-1 is no time, and a file without times has sample numbers, not seconds."""
+    path = tmp_path / "wall.csv"
+    path.write_text(
+        "Test unit,T1-1\nReference,Faella et al. (1992)\ndisplacement,force,drift\n[mm],[kN],[%]\n"
+        + "".join(f"{n * n % 17},{-(n % 5)},{n * n % 17 / 12:.3f}\n" for n in range(60))
+    )
+    overview = si.look(path)
+    assert [facts.channel.name for facts in overview.channels] == ["displacement", "force", "drift"]
+    assert [facts.channel.unit for facts in overview.channels][:2] == ["mm", "kN"]
+    assert "peak 16 at sample" in str(overview) and "to 59 s" not in str(overview)

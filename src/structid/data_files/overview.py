@@ -103,11 +103,12 @@ def described(facts: ChannelFacts) -> str:
     rate = f"{1.0 / facts.dt:.6g} Hz" if facts.dt else "no time step" if channel.counted else "uneven steps"
     unit = channel.unit.lstrip("?") or "no unit"
     quantity = f"{channel.quantity} in {unit}" if channel.quantity else unit
-    end = channel.start + facts.length
-    return (
-        f"{channel.number} '{channel.name}': {quantity}, {rate}, {len(channel.values)} samples, {channel.start:.6g} to "
-        f"{end:.6g} s, peak {facts.peak:.5g} at {facts.peak_time:.6g} s{f', clock {channel.clock}' if channel.clock else ''}"
-    )
+    first = f"{channel.number} '{channel.name}': {quantity}, {rate}, {len(channel.values)} samples"
+    if channel.counted:
+        return f"{first}, peak {facts.peak:.5g} at sample {facts.peak_time:.0f}"
+    clock = f", clock {channel.clock}" if channel.clock else ""
+    times = f"{channel.start:.6g} to {channel.start + facts.length:.6g} s"
+    return f"{first}, {times}, peak {facts.peak:.5g} at {facts.peak_time:.6g} s{clock}"
 
 
 def channels_of_table(table: ColumnTable) -> list[FileChannel]:

@@ -45,12 +45,10 @@ class ColumnTable:
         return named or [n for n, unit in enumerate(self.units) if unit and seconds_of(unit) is not None]
 
     def _is_other_quantity(self, column: int) -> bool:
-        """Whether a column with the title t or T has a unit that is not a unit of time, such as a temperature."""
+        """Whether a column with a title such as T or T1-1 has a unit that is not a unit of time, such as a temperature."""
         unit = self.units[column]
-        return (
-            self.titles[column][:1] in "tT"
-            and len(self.titles[column].split("[")[0].split("(")[0].strip()) == 1
-            and bool(unit and seconds_of(unit) is None)
+        return re.match(r"[tT](?![A-Za-z])", self.titles[column]) is not None and bool(
+            unit and seconds_of(unit) is None
         )
 
 

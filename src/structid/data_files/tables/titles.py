@@ -58,7 +58,9 @@ def titles_and_units(header: Sequence[Row], columns: int) -> Titles:
     if unit_row is not None and not above:
         return Titles([""] * columns, _units_of_row(lines[unit_row][1]), lines[unit_row][0])
     telling = [n for n, (_, cells) in enumerate(above) if any(is_time(c) or unit_of_title(c) for c in cells)]
-    line, titles = above[telling[-1] if telling else -1]
+    # A full line of words above the units holds the titles, even if a line above it looks like one.
+    full = unit_row is not None and all(re.search("[A-Za-z]", cell) for cell in above[-1][1])
+    line, titles = above[telling[-1] if telling and not full else -1]
     units = [unit_of_title(title) for title in titles] if unit_row is None else _units_of_row(lines[unit_row][1])
     return Titles(titles, units, line)
 
