@@ -18,7 +18,7 @@ from structid.core.validation import check_arguments, check_name
 from structid.data_files.read_file import read_signal
 from structid.engine.array_module import namespace
 from structid.ground_motion.excitation import Excitation
-from structid.ground_motion.processing import between, remove_offset
+from structid.ground_motion.processing import between, pair_of_times, remove_offset, stretches
 from structid.instrument import POLARITIES, Instrument, parameter_name
 from structid.probability.truncation import Marginal
 from structid.sensor_sampling import SensorSampling
@@ -313,7 +313,7 @@ class Observation:
         component: str | int | None = None,
         time_column: int | str | None = None,
         polarity: str = "normal",
-        baseline: tuple[float, float] | None = None,
+        baseline: Sequence[float] | Sequence[tuple[float, float]] | None = None,
         missing: str = "refuse",
         gaps: Sequence[tuple[float, float]] = (),
         **nuisances: Marginal,
@@ -347,9 +347,9 @@ class Observation:
             Column of the times in a table; by default the one whose title names the time, or the first.
         polarity : str
             ``"normal"``, ``"reversed"`` or ``"unknown"``.
-        baseline : pair of float, optional
+        baseline : pair of float, or two pairs, optional
             Two times in the file [s] between which the structure is at rest. The mean between them, the sensor's offset, is
-            subtracted.
+            subtracted. For two such stretches, the line through both means is subtracted, an offset with a drift.
         missing : str
             Empty cells, NaN and missing lines of a table: ``"refuse"`` them, or ``"leave_out"`` of the likelihood.
         gaps : sequence of pair of float, optional
@@ -402,7 +402,7 @@ class Observation:
         if baseline is not None:
             values = np.concatenate(
                 [
-                    remove_offset(values[:, :1], time, _pair(baseline, f"{path}: baseline"), f"{path}: baseline"),
+                    remove_offset(values[:, :1], time, stretches(baseline, f"{path}: baseline"), f"{path}: baseline"),
                     values[:, 1:],
                 ],
                 axis=1,
@@ -627,7 +627,7 @@ def _without(gaps: Sequence[tuple[float, float]], time: np.ndarray, values: np.n
     values = values.copy()
     if not isinstance(gaps, Sequence) or isinstance(gaps, str):
         raise InputError(where, f"{gaps!r}", "a list of pairs of times in seconds, such as [(9.1, 9.8)]")
-    for begin, end in (_pair(gap, where) for gap in gaps):
+    for begin, end in (pair_of_times(gap, where) for gap in gaps):
         inside = between(time, begin, end)
         if not inside.any():
             raise InputError(
@@ -637,14 +637,6 @@ def _without(gaps: Sequence[tuple[float, float]], time: np.ndarray, values: np.n
             )
         values[inside, 0] = np.nan
     return values
-
-
-def _pair(given: Any, where: str) -> tuple[float, float]:
-    """Return begin and end of a stretch [s], after a check."""
-    pair = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
-    if len(pair) != 2 or not all(isinstance(time, (int, float)) and not isinstance(time, bool) for time in pair):
-        raise InputError(where, f"{given!r}", "a pair of times in seconds, such as (9.1, 9.8)")
-    return float(pair[0]), float(pair[1])
 
 
 def _checked_values(given: Any, channels: tuple[str, ...], where: str) -> np.ndarray:

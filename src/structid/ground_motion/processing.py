@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import scipy
@@ -53,18 +55,45 @@ def between(time: Float[np.ndarray, " time"], begin: float, end: float) -> Bool[
 
 
 def remove_offset(
-    values: Float[np.ndarray, "time *column"], time: Float[np.ndarray, " time"], rest: tuple[float, float], where: str
+    values: Float[np.ndarray, "time *column"],
+    time: Float[np.ndarray, " time"],
+    rest: Sequence[tuple[float, float]],
+    where: str,
 ) -> Float[np.ndarray, "time *column"]:
-    """Subtract the mean of the known values between two times at rest."""
-    begin, end = rest
-    at_rest = values[between(time, begin, end)]
-    if not np.isfinite(at_rest).any():
-        raise InputError(
-            where,
-            f"no value between {begin:g} and {end:g} s",
-            f"two times between {time[0]:.6g} and {time[-1]:.6g} s, the first before the second",
-        )
-    return np.asarray(values - np.nanmean(at_rest, axis=0))
+    """Subtract the mean of the known values in a stretch at rest, or the line through the means of two stretches."""
+    means, middles = [], []
+    for begin, end in rest:
+        inside = between(time, begin, end)
+        if not np.isfinite(values[inside]).any():
+            raise InputError(
+                where,
+                f"no value between {begin:g} and {end:g} s",
+                f"two times between {time[0]:.6g} and {time[-1]:.6g} s, the first before the second",
+            )
+        known = inside & np.isfinite(values.reshape(len(time), -1)).all(axis=1)
+        means.append(values[known].mean(axis=0))
+        middles.append(time[known].mean())
+    if len(rest) == 1:
+        return np.asarray(values - means[0])
+    if middles[0] == middles[1]:
+        raise InputError(where, "twice the same stretch", "two stretches at rest, such as before and after the motion")
+    slope = (means[1] - means[0]) / (middles[1] - middles[0])
+    return np.asarray(values - means[0] - np.multiply.outer(time - middles[0], slope))
+
+
+def stretches(given: Any, where: str) -> list[tuple[float, float]]:
+    """Return one or two stretches of time [s] from a pair of times, or from two pairs, after a check."""
+    pairs = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else []
+    several = len(pairs) == 2 and all(isinstance(pair, Sequence) and not isinstance(pair, str) for pair in pairs)
+    return [pair_of_times(pair, where) for pair in (pairs if several else [given])]
+
+
+def pair_of_times(given: Any, where: str) -> tuple[float, float]:
+    """Return begin and end of a stretch [s], after a check."""
+    pair = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
+    if len(pair) != 2 or not all(isinstance(time, (int, float)) and not isinstance(time, bool) for time in pair):
+        raise InputError(where, f"{given!r}", "a pair of times in seconds, such as (9.1, 9.8)")
+    return float(pair[0]), float(pair[1])
 
 
 def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:

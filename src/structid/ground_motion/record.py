@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,13 +172,14 @@ class GroundMotion(Excitation):
     def _with(self, acceleration: np.ndarray, **changes: Any) -> GroundMotion:
         return replace(self, values=acceleration, **changes)
 
-    def baseline(self, kind: str | tuple[float, float] = "constant") -> GroundMotion:
+    def baseline(self, kind: str | Sequence[float] | Sequence[tuple[float, float]] = "constant") -> GroundMotion:
         """Subtract the mean, the least-squares line, or the offset of an instrument before the shaking.
 
         Parameters
         ----------
-        kind : {"constant", "linear"} or pair of float
-            Subtract the mean (``"constant"``), the least-squares line (``"linear"``), or the mean between two times [s] at rest.
+        kind : {"constant", "linear"}, pair of float, or two pairs
+            Subtract the mean (``"constant"``), the least-squares line (``"linear"``), the mean between two times [s] at rest, or
+            the line through the means of two such stretches.
 
         Returns
         -------
@@ -191,7 +193,9 @@ class GroundMotion(Excitation):
         """
         if isinstance(kind, str):
             return self._with(processing.remove_baseline(self.values, kind))
-        return self._with(processing.remove_offset(self.values, self.time, kind, "baseline"))
+        return self._with(
+            processing.remove_offset(self.values, self.time, processing.stretches(kind, "baseline"), "baseline")
+        )
 
     def lowpass(self, edge: float, order: int | None = None, stop: float | None = None) -> GroundMotion:
         """Zero-phase Butterworth low-pass.

@@ -78,6 +78,11 @@ def test_a_baseline_is_the_mean_at_rest(tmp_path):
     np.testing.assert_allclose(measured.values[~rest, 0], wave(RECORD.time[~rest]), atol=1e-8)
     record = si.GroundMotion(values, RECORD.dt).baseline((0.0, 0.99))
     np.testing.assert_allclose(record.values[rest], 0.0, atol=1e-12)
+    drifting = written(tmp_path / "b.csv", RECORD.time, values + 0.02 * RECORD.time)
+    line = read(drifting, baseline=[(0.0, 0.4), (0.6, 0.99)]).values[:, 0]
+    np.testing.assert_allclose(line, values - 0.25, atol=1e-7)
+    drifted = si.GroundMotion(values + 0.02 * RECORD.time, RECORD.dt).baseline([(0.0, 0.4), (0.6, 0.99)])
+    np.testing.assert_allclose(drifted.values, values - 0.25, atol=1e-12)
     with pytest.raises(InputError, match=r"baseline.*no value between 90 and 99 s"):
         si.GroundMotion(values, RECORD.dt).baseline((90.0, 99.0))
 

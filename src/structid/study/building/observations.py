@@ -72,9 +72,16 @@ def build_observation(
         "sd": sd,
     }
     if section.baseline is not None:
-        columns["baseline"] = _seconds(section.baseline, f"key '{where}.baseline'")
+        columns["baseline"] = _stretches(section.baseline, f"key '{where}.baseline'")
     columns["gaps"] = [_seconds(gap, f"key '{where}.gaps'") for gap in section.gaps or ()]
     return Observation.read(record, path, section.unit, channel, **columns, **nuisances), None
+
+
+def _stretches(baseline: Any, where: str) -> Any:
+    """One stretch of time [s], or two."""
+    if isinstance(baseline[0], tuple):
+        return [_seconds(pair, where) for pair in baseline]
+    return _seconds(baseline, where)
 
 
 def _seconds(pair: tuple[float | str, float | str], where: str) -> tuple[float, float]:

@@ -8,6 +8,12 @@ from pydantic import Field
 
 from structid.core.keys import FileTable, Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds
 
+Stretch = tuple[Seconds, Seconds]
+"""Begin and end of a stretch of a record [s]."""
+
+Rest = tuple[float | str, float | str]
+"""Begin and end of a stretch of a measurement, which may be negative: numbers in seconds, or text with a unit."""
+
 LARGEST_COUNT = 1_000_000
 """Largest number of runs, points or draws in a file; a larger number is a typing error and would exceed the memory."""
 
@@ -37,7 +43,7 @@ class RecordTable(FileTable):
     column: int | str | None = None
     time_column: int | str | None = None
     component: int | str | None = None
-    baseline: Literal["constant", "linear"] | tuple[Seconds, Seconds] | None = None
+    baseline: Literal["constant", "linear"] | Stretch | tuple[Stretch, Stretch] | None = None
     highpass: Hertz | None = None
     lowpass: Hertz | None = None
     filter_order: int | None = Field(default=None, ge=1)
@@ -104,9 +110,9 @@ class ObservationTable(FileTable):
     dt: Seconds | None = None
     virtual: VirtualTable | None = None
     record: RecordTable | None = None
-    baseline: tuple[float | str, float | str] | None = None
+    baseline: Rest | tuple[Rest, Rest] | None = None
     missing: Literal["refuse", "leave_out"] | None = None
-    gaps: tuple[tuple[float | str, float | str], ...] | None = None
+    gaps: tuple[Rest, ...] | None = None
     polarity: Literal["normal", "reversed", "unknown"] = "normal"
     gain: PriorTable | None = None
     offset: PriorTable | None = None

@@ -72,7 +72,7 @@ def test_the_first_coefficients_choose_the_shape_of_a_hysteresis():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (dict(terms={"speed": ["x(t)"]}), "terms of speed.*velocity"),
+        (dict(terms={"speed": ["x(t)"]}), "terms for the channels speed.*velocity"),
         (dict(memories=["z = hysteresis(y)"]), "no memories without terms"),
     ],
 )
