@@ -258,24 +258,24 @@ class Observation:
         return SensorSampling.of(times, self.record.dt, len(self.record))
 
     @cached_property
-    def known(self) -> np.ndarray:
+    def is_measured(self) -> np.ndarray:
         """Whether each value was measured, shape (time, channel)."""
         return np.asarray(np.isfinite(self.values))
 
     @property
     def missing(self) -> int:
         """Number of missing values."""
-        return int((~self.known).sum())
+        return int((~self.is_measured).sum())
 
     @property
     def counts(self) -> np.ndarray | int:
         """Number of measured values: one number, or shape (channel, 1) if values are missing."""
-        return self.known.sum(axis=0)[:, None] if self.missing else len(self.values)
+        return self.is_measured.sum(axis=0)[:, None] if self.missing else len(self.values)
 
     @property
     def stretches(self) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
         """Begin and end [s] of the stretches with measured values, and of those before and after the record."""
-        known = np.concatenate([[False], self.known.any(axis=1), [False]])
+        known = np.concatenate([[False], self.is_measured.any(axis=1), [False]])
         edges = np.flatnonzero(np.diff(known.astype(int)))
         time, half = self.time, 0.5 * self.step
         measured = [(time[a] - half, time[b - 1] + half) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -286,7 +286,7 @@ class Observation:
     @property
     def covered(self) -> np.ndarray:
         """Whether every channel was measured at or next to each sample of the record, shape (record time,)."""
-        known = np.asarray(self.known.all(axis=1))
+        known = np.asarray(self.is_measured.all(axis=1))
         if self.sampling is None:
             return known
         index = np.searchsorted(self.time, self.record.time).clip(1, len(known) - 1)
@@ -499,7 +499,7 @@ class Observation:
         count = min(len(mine), len(others))
         differences = np.abs(mine[:count] - others[:count])
         common = np.isfinite(differences)
-        enough = common.sum() >= COMMON_SHARE * min(self.known.sum(), other.known.sum())
+        enough = common.sum() >= COMMON_SHARE * min(self.is_measured.sum(), other.is_measured.sum())
         # A second copy may be rounded. Two tests on one record differ by more than rounding.
         return bool(enough and differences[common].max(initial=0.0) <= ROUNDED * self.peaks.max())
 
@@ -507,8 +507,8 @@ class Observation:
     def weights(self) -> np.ndarray | None:
         """1/sd of every value, and 0 for a missing value, shape (time, channel); None if all are 1."""
         if self.sd is None:
-            return self.known.astype(np.float64) if self.missing else None
-        return np.where(self.known, 1.0 / np.asarray(self.sd), 0.0)
+            return self.is_measured.astype(np.float64) if self.missing else None
+        return np.where(self.is_measured, 1.0 / np.asarray(self.sd), 0.0)
 
     def weighted(self, values: Any) -> Any:
         """Divide values, residuals or sensitivities by the known standard deviations, and set them to 0 where a value is missing.
@@ -525,7 +525,7 @@ class Observation:
         """
         more = (1,) * (values.ndim - 2)
         if self.missing:
-            values = namespace(values).where(self.known.reshape(*self.known.shape, *more), values, 0.0)
+            values = namespace(values).where(self.is_measured.reshape(*self.is_measured.shape, *more), values, 0.0)
         if self.sd is None:
             return values
         sd = np.asarray(self.sd)
@@ -534,7 +534,7 @@ class Observation:
     @property
     def log_sds(self) -> np.ndarray:
         """Logarithms of the known standard deviations, shape (time, channel); 0 if there are none or a value is missing."""
-        return np.zeros(self.values.shape) if self.sd is None else np.where(self.known, np.log(self.sd), 0.0)
+        return np.zeros(self.values.shape) if self.sd is None else np.where(self.is_measured, np.log(self.sd), 0.0)
 
     @property
     def error_units(self) -> tuple[str, ...]:

@@ -34,8 +34,8 @@ def test_the_response_at_the_truth_is_that_of_the_files(folder):
     truth = np.array([[TRUTH.get(name, 1e-4) for name in posterior.names]])
     truth[0, posterior.names.index("offset_3")] = 0.003 * 9.80665
     for index, observation in enumerate(posterior.observations):
-        residual = (observation.values - posterior.predict(truth, index)[0])[observation.known[:, 0], 0]
-        signal = observation.values[observation.known[:, 0], 0]
+        residual = (observation.values - posterior.predict(truth, index)[0])[observation.is_measured[:, 0], 0]
+        signal = observation.values[observation.is_measured[:, 0], 0]
         # The offset of a baseline is the mean of 800 noisy values.
         assert residual.std() == pytest.approx(0.02 * signal.std(), rel=0.25)
         assert abs(residual.mean()) < 5.0 * residual.std() / np.sqrt(800)

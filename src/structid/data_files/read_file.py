@@ -13,7 +13,7 @@ from structid.data_files import format_list
 from structid.data_files.base import DataFile, FileChannel, FileFormat
 from structid.data_files.file_content import FileContent
 from structid.data_files.tables.column_table import ColumnTable
-from structid.data_files.tables.pick_column import Columns, columns_of_table
+from structid.data_files.tables.pick_column import REPAIR_OR_LEAVE_OUT, Columns, columns_of_table
 from structid.data_files.tables.text_table import table_of_text
 from structid.data_files.unit_spellings import QUANTITIES, check_unit, spelt_unit
 
@@ -114,7 +114,7 @@ def _refuse_missing(channel: FileChannel, values: np.ndarray) -> None:
             channel.where,
             f"{missing} of {values.size} values of the channel '{channel.name}' are missing",
             "a value for every sample",
-            "structid does not fill gaps. Repair a record; for a measurement, set missing = 'leave_out'.",
+            REPAIR_OR_LEAVE_OUT,
         )
 
 

@@ -52,8 +52,13 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
 
 def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "lag quantity"]:
     """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄)."""
+    return lagged_products(series - series.mean(axis=0))
+
+
+def lagged_products(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "lag quantity"]:
+    """Σ_t x_t x_{t+k} for the lags k = 0, 1, …."""
     samples = len(series)
-    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
+    transform = np.fft.rfft(series, 2 * samples, axis=0)
     return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
 
 

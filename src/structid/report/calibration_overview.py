@@ -88,5 +88,5 @@ def sentence(material: PosteriorMaterial) -> str:
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (
         f"{len(posterior.model_space.names)} parameters of a {material.true_posterior.model.kind_in_words}{through} calibrated "
-        f"to the measured {channels} for {records} ({sum(int(o.known.sum()) for o in posterior.observations):,} values)."
+        f"to the measured {channels} for {records} ({sum(int(o.is_measured.sum()) for o in posterior.observations):,} values)."
     )

@@ -110,7 +110,7 @@ def _share_inside(observations: Sequence[Observation], predictions: Sequence[Pre
     inside = []
     for observation, prediction in zip(observations, predictions, strict=True):
         low, high = (observation.instrument.edge_at_samples(edge) for edge in prediction.band(0.9, discrepancy=True))
-        inside.append(((observation.values >= low) & (observation.values <= high))[observation.known])
+        inside.append(((observation.values >= low) & (observation.values <= high))[observation.is_measured])
     return float(np.mean(np.concatenate(inside)))
 
 

@@ -44,7 +44,7 @@ def test_missing_lines_and_cells_are_missing_values(tmp_path):
         read(path)
     measured = read(path, missing="leave_out")
     assert measured.missing == 27 and len(measured.values) == len(RECORD)
-    known = measured.known[:, 0]
+    known = measured.is_measured[:, 0]
     np.testing.assert_allclose(measured.values[known, 0], wave(RECORD.time[known]), atol=1e-8)
     assert not known[[3, 60, 200]].any()
 
@@ -56,7 +56,7 @@ def test_a_long_gap_between_rounded_times(digits, settings, tmp_path):
     path = written(tmp_path / "a.csv", times, digits=digits, skipped=range(257, 768))
     measured = read(path, missing="leave_out", time_shift=0.0, **settings)
     assert measured.dt == 1.0 / 256.0 and measured.missing == 511
-    known = measured.known[:, 0]
+    known = measured.is_measured[:, 0]
     np.testing.assert_allclose(measured.values[known, 0], wave(measured.time[known]), atol=1e-8)
 
 
@@ -65,7 +65,7 @@ def test_a_gap_includes_its_edges(tmp_path):
     path = written(tmp_path / "a.csv", RECORD.time)
     for first in range(1, 60):
         measured = read(path, gaps=[(first / 100.0, (first + 50) / 100.0)])
-        assert np.flatnonzero(~measured.known[:, 0]).tolist() == list(range(first, first + 51))
+        assert np.flatnonzero(~measured.is_measured[:, 0]).tolist() == list(range(first, first + 51))
     assert read(path, gaps=[(0.57, 0.57), (5.0, 99.0)]).missing == 1 + 101
 
 
@@ -74,7 +74,7 @@ def test_a_baseline_is_the_mean_at_rest(tmp_path):
     values = np.where(rest, 0.0, wave(RECORD.time)) + 0.25
     path = written(tmp_path / "a.csv", RECORD.time, values, empty=(7,))
     measured = read(path, baseline=(0.0, 0.99), missing="leave_out")
-    np.testing.assert_allclose(measured.values[rest & measured.known[:, 0], 0], 0.0, atol=1e-8)
+    np.testing.assert_allclose(measured.values[rest & measured.is_measured[:, 0], 0], 0.0, atol=1e-8)
     np.testing.assert_allclose(measured.values[~rest, 0], wave(RECORD.time[~rest]), atol=1e-8)
     record = si.GroundMotion(values, RECORD.dt).baseline((0.0, 0.99))
     np.testing.assert_allclose(record.values[rest], 0.0, atol=1e-12)

@@ -77,7 +77,7 @@ def test_likelihood_is_that_of_the_dense_covariance(kind, kernel):
     error_model, covariance = KERNELS[kernel]
     observation = SENSORS[kind]()
     of = si.Posterior(SPACE, MODEL, observation, error_model)
-    known = observation.known[:, 0]
+    known = observation.is_measured[:, 0]
     times = observation.time[known]
     sd = np.ones(known.sum()) if observation.sd is None else observation.sd[known, 0]
     dense = covariance(np.abs(np.subtract.outer(times, times)).round(12))
@@ -215,7 +215,7 @@ def test_a_standard_deviation_is_that_of_the_dense_covariance():
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.2, alpha=0.05, free=("stiffness",))
     observation, (error_model, covariance) = sensor(1.0 / 64.0, 0.123), KERNELS["ar1"]
     of = si.Posterior(space, model, observation, error_model)
-    known = observation.known[:, 0]
+    known = observation.is_measured[:, 0]
     times = observation.time[known]
     dense = covariance(np.abs(np.subtract.outer(times, times)).round(12))
     grid = np.linspace(7.2e6, 7.4e6, 401)[:, None]

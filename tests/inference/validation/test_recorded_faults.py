@@ -59,6 +59,13 @@ def test_what_is_asked_about(values, words):
     assert re.search(words, asked(values)), asked(values)
 
 
+def test_zeros_are_asked_about_although_other_values_are_missing():
+    zeros = with_gap(NOISY)
+    missing = (np.arange(len(NOISY)) % 97 == 0) & (zeros != 0.0)
+    assert "is exactly zero from" in asked(np.where(missing, np.nan, zeros))
+    assert asked(np.where(missing, np.nan, NOISY)) == ""
+
+
 def test_a_history_of_one_sign_is_not_clipped_at_its_zero():
     assert clipped("the force", np.abs(COUNTED), "kN") == ""
 

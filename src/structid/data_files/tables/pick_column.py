@@ -16,6 +16,9 @@ from structid.data_files.tables.titles import time_factor
 from structid.data_files.time_axis import constant_step, step_with_gaps
 from structid.data_files.unit_spellings import check_unit, spelt_unit
 
+REPAIR_OR_LEAVE_OUT = "structid does not fill gaps. Repair a record; for a measurement, set missing = 'leave_out'."
+"""Remedy for missing values."""
+
 _MILLISECONDS = re.compile(r"(?<![A-Za-z])(?:ms|msec)(?![A-Za-z])|milli", re.IGNORECASE)
 
 
@@ -335,7 +338,7 @@ def _refuse_gaps(table: ColumnTable, values: Float[np.ndarray, "row column"], co
         table.at(row),
         f"an empty cell or no finite number in column {columns[which]}; {np.count_nonzero(missing)} values are missing",
         "a number in every cell",
-        "structid does not fill gaps. Repair a record; for a measurement, set missing = 'leave_out'.",
+        REPAIR_OR_LEAVE_OUT,
     )
 
 

@@ -106,16 +106,16 @@ def _computed(loop: dict[str, Any]) -> int:
     _, carried = constants_and_carried(loop)
     body = loop["jaxpr"].jaxpr
     produced = {variable: operation for operation in body.eqns for variable in operation.outvars}
+
+    def name(atom: Any) -> str:
+        operation = None if isinstance(atom, Literal) else produced.get(atom)
+        return "" if operation is None else str(operation.primitive.name)
+
     count = 0
     for variable in body.outvars[:carried]:
-        joined = None if isinstance(variable, Literal) else produced.get(variable)
-        if joined is None or joined.primitive.name != "concatenate":
-            count += math.prod(variable.aval.shape)
-            continue
-        moved = (None if isinstance(part, Literal) else produced.get(part) for part in joined.invars)
-        for part, operation in zip(joined.invars, moved, strict=True):
-            if operation is None or operation.primitive.name != "slice":
-                count += math.prod(part.aval.shape)
+        parts = produced[variable].invars if name(variable) == "concatenate" else [variable]
+        moved = {"slice"} if len(parts) > 1 else set()
+        count += sum(math.prod(part.aval.shape) for part in parts if name(part) not in moved)
     return count
 
 

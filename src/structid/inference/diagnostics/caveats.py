@@ -62,5 +62,5 @@ def surrogate_warnings(
 
 def _matters(posterior: Posterior, stand_in: StandIn, unexplained: float) -> bool:
     """Whether T/2 · ε/u, with surrogate error ε and unexplained variance u, exceeds `SURROGATE_NATS`."""
-    samples = sum(int(o.known.any(axis=1).sum()) for o in posterior.observations)
+    samples = sum(int(o.is_measured.any(axis=1).sum()) for o in posterior.observations)
     return 0.5 * samples * stand_in.relative_error > SURROGATE_NATS * unexplained

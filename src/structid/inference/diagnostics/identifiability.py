@@ -62,8 +62,7 @@ def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
     def whitened(moved: Any, bound: ObservationLikelihood) -> Any:
         response, _ = bound.response(moved, bound.measured)
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
-        shown = bound.observation.weighted(bound.shown(response, moved))
-        return bound.discrepancy.whiten(shown, unknown, bound.channels, bound.dt, **bound.masked)
+        return bound.whiten(bound.shown(response, moved), unknown)
 
     def sensitivity(bound: ObservationLikelihood) -> np.ndarray:
         def along(direction: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float
 
-from structid.inference.convergence import autocovariance
+from structid.inference.convergence import autocovariance, lagged_products
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.likelihood.posterior import Posterior
 
@@ -55,7 +55,7 @@ class WhitenedResidual:
         # Means over the pairs of measured values; a lag with few pairs is shrunk towards 0.
         assert self.known is not None
         centred = np.where(self.known, self.values - self.values[self.known].mean(), 0.0)
-        products, pairs = (_lagged_products(x)[:count] for x in (centred, self.known.astype(float)))
+        products, pairs = lagged_products(np.stack([centred, self.known.astype(float)], axis=1))[:count].T
         enough = np.maximum(np.rint(pairs), FEWEST_PAIRS)
         return np.asarray(products / enough * pairs[0] / products[0])
 
@@ -96,25 +96,18 @@ def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " paramete
     """Whiten the residuals of a prediction."""
     residuals = []
     for index, observation in enumerate(posterior.observations):
-        residual = observation.weighted(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
-        unknown, masked = posterior.unknowns(theta[None], index), posterior.likelihood.of[index].masked
-        white = np.asarray(
-            posterior.discrepancy.whiten(residual, unknown, observation.channels, observation.step, **masked)
-        )[:, :, 0]
+        residual = (observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
+        white = np.asarray(posterior.likelihood.of[index].whiten(residual, posterior.unknowns(theta[None], index)))[
+            :, :, 0
+        ]
         residuals += [
             WhitenedResidual(
-                channel, observation.record.name, observation.step, white[:, i], index, observation.known[:, i]
+                channel, observation.record.name, observation.step, white[:, i], index, observation.is_measured[:, i]
             )
             for i, channel in enumerate(observation.channels)
             if np.isfinite(white[:, i]).all()
         ]
     return tuple(residuals)
-
-
-def _lagged_products(series: np.ndarray) -> np.ndarray:
-    """Σ_t x_t x_{t+k} for the lags k = 0, 1, …."""
-    transform = np.fft.rfft(series, 2 * len(series))
-    return np.asarray(np.fft.irfft(np.abs(transform) ** 2)[: len(series)])
 
 
 def residual_warnings(

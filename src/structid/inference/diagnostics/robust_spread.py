@@ -77,7 +77,7 @@ def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter
 
 def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
     """ψ of one observation (time, parameter), and a = Cov(m, θ) of its whitened response m (time, channel, parameter)."""
-    observation, response = posterior.observations[index], posterior.predict(draws, index)
+    response = posterior.predict(draws, index)
     pointwise = posterior.pointwise_log_likelihood(draws, index, response).sum(axis=2)
     finite = np.isfinite(pointwise).all(axis=1)
     centred = (draws - draws.mean(axis=0))[finite] / finite.sum()
@@ -87,9 +87,8 @@ def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.nda
         name: np.repeat(value, len(response))
         for name, value in posterior.unknowns(draws.mean(axis=0)[None], index).items()
     }
-    deviations = observation.weighted((response - response.mean(axis=0)).transpose(1, 2, 0))
-    masked = posterior.likelihood.of[index].masked
-    white = np.asarray(posterior.discrepancy.whiten(deviations, mean, observation.channels, observation.step, **masked))
+    deviations = (response - response.mean(axis=0)).transpose(1, 2, 0)
+    white = np.asarray(posterior.likelihood.of[index].whiten(deviations, mean))
     influence = white @ centred
     influence[..., [posterior.names.index(name) for name in posterior.likelihood.discrepancy_names]] = 0.0
     return psi, influence

@@ -132,7 +132,7 @@ class Discrepancy(ErrorModel):
     """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
 
     takes_gaps: ClassVar[bool] = False
-    """Whether the methods accept `known`, a mask of the measured values; without it, values must not be missing."""
+    """Whether the methods accept `is_measured`, a mask of the measured values; without it, values must not be missing."""
 
     def log_likelihood_of_squares(
         self, squares: Float[Array, "channel run"], samples: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]
@@ -244,7 +244,7 @@ class Discrepancy(ErrorModel):
         channels: tuple[str, ...],
         dt: float,
         white: Any = 0.0,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, " run"]:
         """Log density of the whole residual, inside JAX.
 
@@ -260,7 +260,7 @@ class Discrepancy(ErrorModel):
             Time step [s].
         white : jax.Array (channel, run) or float
             Additional variance of independent errors, such as a surrogate's error variance.
-        known : ndarray of bool, shape (time, channel), optional
+        is_measured : ndarray of bool, shape (time, channel), optional
             Mask of the measured values, if some are missing; the residual is 0 where a value is missing.
 
         Returns
@@ -276,7 +276,7 @@ class Discrepancy(ErrorModel):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Log density of every observed value given the earlier values, inside JAX.
 
@@ -290,7 +290,7 @@ class Discrepancy(ErrorModel):
             Names of the channels.
         dt : float
             Time step [s].
-        known : ndarray of bool, shape (time, channel), optional
+        is_measured : ndarray of bool, shape (time, channel), optional
             Mask of the measured values, if some are missing; the result is 0 where a value is missing.
 
         Returns
@@ -306,7 +306,7 @@ class Discrepancy(ErrorModel):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Linear map of a residual to independent unit normals, inside JAX.
 
@@ -320,7 +320,7 @@ class Discrepancy(ErrorModel):
             Names of the channels.
         dt : float
             Time step [s].
-        known : ndarray of bool, shape (time, channel), optional
+        is_measured : ndarray of bool, shape (time, channel), optional
             Mask of the measured values, if some are missing; the result is 0 where a value is missing.
 
         Returns

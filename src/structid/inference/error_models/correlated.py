@@ -163,13 +163,13 @@ class Correlated(Discrepancy):
         shares = [jnp.stack([_share(transition, to, entry) for to in upper]) for entry in upper]
         added = jnp.stack([noise[i][j] for i, j in upper])
 
-        def step(state: State, measured: Any, known: Any = None) -> tuple[State, tuple[Any, Any]]:
+        def step(state: State, measured: Any, is_measured: Any = None) -> tuple[State, tuple[Any, Any]]:
             mean, covariance = state
             # v = y − m₀, S = P₀₀ + R; without a measured value, 1/S = 0 and the state is not updated
             error, precision = measured - mean[0], 1.0 / (covariance[0] + white)
             rest = white * precision
-            if known is not None:
-                precision, rest = jnp.where(known, precision, 0.0), jnp.where(known, rest, 1.0)
+            if is_measured is not None:
+                precision, rest = jnp.where(is_measured, precision, 0.0), jnp.where(is_measured, rest, 1.0)
             # P − P₀ P₀ᵀ/S; its first row, with which the upper triangle begins, is P₀ R/S
             updated = [
                 covariance[at] * rest if i == 0 else covariance[at] - covariance[i] * covariance[j] * precision
@@ -191,13 +191,13 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: np.ndarray | None,
+        is_measured: np.ndarray | None,
     ) -> tuple[Any, Any]:
         """One-step prediction errors and their precisions, each (time, channel, run); the precision of a missing value is 0."""
         start, step, _ = self._filter(unknown, channels, residual.shape[2], dt)
-        rows = _pairs(residual, known)
+        rows = _pairs(residual, is_measured)
         filtered: tuple[Any, Any] = jax.lax.scan(
-            lambda state, row: step(state, row) if known is None else step(state, *row), start, rows
+            lambda state, row: step(state, row) if is_measured is None else step(state, *row), start, rows
         )[1]
         return filtered
 
@@ -208,12 +208,14 @@ class Correlated(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
         white: Any = 0.0,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, " run"]:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
-        samples = residual.shape[0] if known is None else known.sum(axis=0)[:, None]
-        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, samples, white, gaps=known is not None)
-        return fold.of(_pairs(residual, known))
+        samples = residual.shape[0] if is_measured is None else is_measured.sum(axis=0)[:, None]
+        fold: Fold = self._folded(
+            unknown, channels, residual.shape[2], dt, samples, white, gaps=is_measured is not None
+        )
+        return fold.of(_pairs(residual, is_measured))
 
     def fold(
         self,
@@ -242,10 +244,10 @@ class Correlated(Discrepancy):
         def sample(carry: Any, measured: Any) -> Any:
             # A logarithm costs more than all other operations of a step, so it is taken once, of Π S₁/S in units of HUGE.
             state, squares, product, units = carry
-            residual, known = measured if gaps else (measured, None)
-            state, (error, precision) = step(state, residual, known)
+            residual, is_measured = measured if gaps else (measured, None)
+            state, (error, precision) = step(state, residual, is_measured)
             growth = first * precision
-            product = product * (growth if known is None else jnp.where(known, growth, 1.0))
+            product = product * (growth if is_measured is None else jnp.where(is_measured, growth, 1.0))
             huge = product > HUGE
             product, units = jnp.where(huge, product * (1.0 / HUGE), product), units + huge
             return state, squares + error**2 * precision, product, units
@@ -265,12 +267,15 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Log density of every value given the earlier values; see `Discrepancy.pointwise`."""
-        error, precision = self._innovations(residual, unknown, channels, dt, known)
-        if known is not None:
-            error, precision = error * known[:, :, None], jnp.where(known[:, :, None], precision, 2.0 * jnp.pi)
+        error, precision = self._innovations(residual, unknown, channels, dt, is_measured)
+        if is_measured is not None:
+            error, precision = (
+                error * is_measured[:, :, None],
+                jnp.where(is_measured[:, :, None], precision, 2.0 * jnp.pi),
+            )
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
     def whiten(
@@ -279,10 +284,10 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: Bool[np.ndarray, "time channel"] | None = None,
+        is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
         """Innovations over their standard deviation; see `Discrepancy.whiten`."""
-        error, precision = self._innovations(residual, unknown, channels, dt, known)
+        error, precision = self._innovations(residual, unknown, channels, dt, is_measured)
         return error * jnp.sqrt(precision)
 
     def draw(
@@ -318,9 +323,9 @@ class Correlated(Discrepancy):
         return description
 
 
-def _pairs(residual: Any, known: np.ndarray | None) -> Any:
+def _pairs(residual: Any, is_measured: np.ndarray | None) -> Any:
     """Rows of a filter: the residual, or the residual and the mask of the measured values."""
-    return residual if known is None else (residual, known[:, :, None])
+    return residual if is_measured is None else (residual, is_measured[:, :, None])
 
 
 def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:

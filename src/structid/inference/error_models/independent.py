@@ -103,11 +103,11 @@ class IID(Discrepancy):
         channels: tuple[str, ...],
         dt: float,
         white: Any = 0.0,
-        known: np.ndarray | None = None,
+        is_measured: np.ndarray | None = None,
     ) -> Any:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
         variance = self.variances(unknown, channels, residual.shape[2], namespace(residual)) + white
-        samples = residual.shape[0] if known is None else known.sum(axis=0)[:, None]
+        samples = residual.shape[0] if is_measured is None else is_measured.sum(axis=0)[:, None]
         return _normal_log_density((residual**2).sum(axis=0), samples, variance)
 
     def log_likelihood_of_squares(
@@ -123,13 +123,13 @@ class IID(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: np.ndarray | None = None,
+        is_measured: np.ndarray | None = None,
     ) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`."""
         numpy = namespace(residual)
         variance = self.variances(unknown, channels, residual.shape[2], numpy)
         density = -0.5 * numpy.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
-        return density if known is None else numpy.where(known[:, :, None], density, 0.0)
+        return density if is_measured is None else numpy.where(is_measured[:, :, None], density, 0.0)
 
     def whiten(
         self,
@@ -137,7 +137,7 @@ class IID(Discrepancy):
         unknown: Mapping[str, Any],
         channels: tuple[str, ...],
         dt: float,
-        known: np.ndarray | None = None,
+        is_measured: np.ndarray | None = None,
     ) -> Any:
         """Divide by σ; see `Discrepancy.whiten`."""
         numpy = namespace(residual)

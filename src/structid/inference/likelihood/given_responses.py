@@ -55,8 +55,8 @@ def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarra
             response = observation.instrument.signs[0] * np.asarray(observation.instrument.sampled(response.T)).T
         residual = observation.values[:, index] - response
         if observation.missing:
-            residual = residual[:, observation.known[:, index]]
+            residual = residual[:, observation.is_measured[:, index]]
         if observation.sd is not None:
-            residual = residual / np.asarray(observation.sd)[observation.known[:, index], index]
+            residual = residual / np.asarray(observation.sd)[observation.is_measured[:, index], index]
         squares.append(np.einsum("rt,rt->r", residual, residual))
     return np.stack(squares)

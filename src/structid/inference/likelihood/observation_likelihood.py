@@ -96,7 +96,7 @@ class ObservationLikelihood:
                 "observation",
                 f"{observation.missing} missing values, but the error model {type(discrepancy).__name__} does not take them",
                 "an error model with takes_gaps = True, such as IID or AR1",
-                "Choose another error model, or extend its methods by the argument `known`.",
+                "Choose another error model, or extend its methods by the argument `is_measured`.",
             )
 
     # --- pieces -------------------------------------------------------------------------------------------------
@@ -159,7 +159,14 @@ class ObservationLikelihood:
     @property
     def masked(self) -> dict[str, Any]:
         """Arguments of the error model for missing values."""
-        return {"known": self.observation.known} if self.observation.missing else {}
+        return {"is_measured": self.observation.is_measured} if self.observation.missing else {}
+
+    def whiten(
+        self, values: Float[Array, "sample channel run"], unknown: Mapping[str, Any]
+    ) -> Float[Array, "sample channel run"]:
+        """Whiten residuals or sensitivities, 0 where a value is missing, inside JAX or of NumPy arrays."""
+        weighted = self.observation.weighted(values)
+        return self.discrepancy.whiten(weighted, unknown, self.channels, self.dt, **self.masked)
 
     @staticmethod
     def _mean_of_signs(each: Sequence[Any]) -> Any:
@@ -392,7 +399,7 @@ class ObservationLikelihood:
             white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
         if self.observation.sd is not None:
             # A surrogate's variance is constant in time. Divided by known variances it is not, and its mean is used.
-            white = white * np.mean(self.observation.sd**-2.0, axis=0, where=self.observation.known)[:, None]
+            white = white * np.mean(self.observation.sd**-2.0, axis=0, where=self.observation.is_measured)[:, None]
         response = self.measured_channels(response)
         each = [
             self._given(response, theta, measured.values, sign, white) for sign in self.observation.instrument.signs

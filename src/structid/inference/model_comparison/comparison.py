@@ -56,7 +56,7 @@ def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], 
     """Cross-validate over stretches of the measurements by Pareto-smoothed importance sampling."""
     each, tails = [], []
     for index, observation in enumerate(posterior.observations):
-        measured = observation.known.any(axis=1)
+        measured = observation.is_measured.any(axis=1)
         if not 2 <= blocks <= np.count_nonzero(measured):
             raise InputError("leave_out(blocks)", f"{blocks}", f"2 to {np.count_nonzero(measured)}")
         pointwise = posterior.pointwise_log_likelihood(draws, index)[:, measured].sum(axis=2)

@@ -42,9 +42,9 @@ def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
         measured, predicted = observation.values, posterior.predict(theta[None, :], index)[0]
         about_mean = np.nansum((measured - np.nanmean(measured, axis=0)) ** 2, axis=0)
         # A failed run must not look like a missing value.
-        errors = np.where(observation.known, measured - predicted, 0.0)
+        errors = np.where(observation.is_measured, measured - predicted, 0.0)
         fractions.append((errors**2).sum(axis=0) / about_mean)
-        peaks.append(np.abs(np.where(observation.known, predicted, 0.0)).max(axis=0) / observation.peaks)
+        peaks.append(np.abs(np.where(observation.is_measured, predicted, 0.0)).max(axis=0) / observation.peaks)
     fraction, ratios = float(np.concatenate(fractions).max()), np.concatenate(peaks)
     with np.errstate(divide="ignore"):
         peak = float(ratios[np.argmax(np.abs(np.log(ratios)))])

@@ -43,7 +43,7 @@ def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Flo
 def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
     """Fraction of the error variance proportional to the response's power, by non-negative least squares."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
-    residual, dt = np.where(observation.known, observation.values - response, 0.0), observation.step
+    residual, dt = np.where(observation.is_measured, observation.values - response, 0.0), observation.step
     channels = len(observation.channels)
     power = np.mean(response**2, axis=0)
     if not (np.isfinite(power).all() and power.all()):
@@ -51,7 +51,7 @@ def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], i
     motion, error = running_power(response, dt) / power, running_power(residual, dt)
     share = np.zeros(channels)
     for channel in np.flatnonzero(error.any(axis=0)):
-        known = observation.known[:, channel]
+        known = observation.is_measured[:, channel]
         design = np.stack([np.ones(len(motion)), motion[:, channel]], axis=1)[known]
         of_known = error[known, channel]
         (constant, growing), _ = scipy.optimize.nnls(design, of_known / of_known.mean())

@@ -145,11 +145,10 @@ def _projections(
     duration = observation.record.dt * (len(observation.record) - 1)
     weights = hats(observation.time * spans / max(duration, observation.record.dt), spans + 1)
     columns = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
-    series = observation.weighted(np.concatenate([(observation.values - response[0])[..., None], columns], axis=2))
+    series = np.concatenate([(observation.values - response[0])[..., None], columns], axis=2)
     unknown = {
         name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }
-    masked = posterior.likelihood.of[index].masked
-    white = np.asarray(posterior.discrepancy.whiten(series, unknown, observation.channels, observation.step, **masked))
+    white = np.asarray(posterior.likelihood.of[index].whiten(series, unknown))
     flat = white.reshape(-1, white.shape[2])
     return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]

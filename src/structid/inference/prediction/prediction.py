@@ -355,7 +355,7 @@ class Predictor:
         sd = np.asarray(observation.sd)
         if here:
             return observation.instrument.edge_on_record(sd)
-        return np.asarray(scale * np.sqrt(np.mean(sd**2, axis=0, where=observation.known)))
+        return np.asarray(scale * np.sqrt(np.mean(sd**2, axis=0, where=observation.is_measured)))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,9 @@ RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
 OFFSET_AT_REST = 0.02
 """Ratio of the mean before the record begins to the history's peak above which an offset is suspected."""
 
+NOT_ZERO = np.finfo(np.float64).tiny
+"""Stands for a missing value in the search for exact zeros: it is none, and not large."""
+
 QUIET = 0.01
 """Fraction of its peak below which a record has not begun."""
 
@@ -42,16 +45,14 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
     """Check the measured histories for faults that show without a model; return a question about each."""
     questions = []
     for index, channel in enumerate(observation.channels):
-        known = observation.known[:, index]
+        known = observation.is_measured[:, index]
         values = observation.values[known, index]
         unit = units[channel].display
         problems = [_constant(channel, values, unit) or _straight(channel, values)]
         if not problems[0]:
             problems += [
                 _offset(channel, values, observation.time[known], unit, observation),
-                gap(f"measured {channel}", np.nan_to_num(observation.values[:, index], nan=np.inf), observation.step)
-                if not known.all()
-                else gap(f"measured {channel}", values, observation.step),
+                gap(f"measured {channel}", np.where(known, observation.values[:, index], NOT_ZERO), observation.step),
                 clipped(f"measured {channel}", values, unit),
             ]
         questions += [sentence for sentence in problems if sentence]

@@ -63,10 +63,11 @@ class SideBySide:
         )
 
     @property
-    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+    def _about_means(self) -> tuple[np.ndarray, np.ndarray]:
         """Model and measurement without the model where a value is missing, both about the mean of the measured values."""
         known = np.isfinite(self.measured)
-        return tuple(np.where(known, x - x[known].mean(), 0.0) for x in (self.modelled, self.measured))  # type: ignore[return-value]
+        modelled, measured = (np.where(known, x - x[known].mean(), 0.0) for x in (self.modelled, self.measured))
+        return modelled, measured
 
     @property
     def record(self) -> Excitation:
@@ -80,7 +81,7 @@ class SideBySide:
 
     @property
     def _frequencies(self) -> list[float]:
-        return [_main_frequency(values, self.observation.step) for values in self._known]
+        return [_main_frequency(values, self.observation.step) for values in self._about_means]
 
     @property
     def sentence(self) -> str:
@@ -120,7 +121,7 @@ class SideBySide:
             return ""
         shares = [
             _share_near(values, self.observation.step, frequency)
-            for values, frequency in zip(self._known, (measured, modelled), strict=True)
+            for values, frequency in zip(self._about_means, (measured, modelled), strict=True)
         ]
         if max(shares) > SHARED:
             return ""
@@ -139,7 +140,7 @@ class SideBySide:
     @property
     def _together(self) -> float:
         """Correlation of model and measurement; 0 if one of them is constant."""
-        modelled, measured = self._known
+        modelled, measured = self._about_means
         moving = bool(measured.std() and modelled.std())
         return float(np.corrcoef(modelled, measured)[0, 1]) if moving else 0.0
 
@@ -159,7 +160,7 @@ class SideBySide:
         """Question if model and measurement agree only after a time shift; a reversed sign is not a shift."""
         if self._together < OPPOSITE:
             return ""
-        shift, shifted, together = _best_shift(*self._known)
+        shift, shifted, together = _best_shift(*self._about_means)
         if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
             return ""
         seconds = shift * self.observation.step
