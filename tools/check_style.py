@@ -267,7 +267,7 @@ def equation_numbers_say_whose_they_are() -> Iterator[str]:
 
 # --- pages ----------------------------------------------------------------------------------------------------------
 
-WRITTEN_BY_THE_BUILD = ("names/", "../project/")
+WRITTEN_BY_THE_BUILD = ("names/", "../reference/names/", "../project/")
 
 
 @cache

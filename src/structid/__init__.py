@@ -38,6 +38,7 @@ _PUBLIC = {
     "GroundMotion": "ground_motion.record",
     "Gumbel": "probability.marginals",
     "Histories": "histories",
+    "Hysteretic": "models.hysteretic.hysteretic",
     "HybridResult": "hybrid.hybrid_result",
     "HybridTest": "hybrid.experiment",
     "IID": "inference.error_models.independent",

@@ -67,6 +67,7 @@ from structid.models.external.protocol import SolverError as SolverError
 from structid.models.external.protocol import StructureFailedError as StructureFailedError
 from structid.models.external.um_bridge import UMBridgeModel as UMBridgeModel
 from structid.models.hysteretic.bouc_wen import BoucWen as BoucWen
+from structid.models.hysteretic.hysteretic import Hysteretic as Hysteretic
 from structid.models.hysteretic.imposed_displacements import ImposedDisplacements as ImposedDisplacements
 from structid.models.hysteretic.loop_lines import LoopLines as LoopLines
 from structid.models.hysteretic.shear_frame import ShearFrame as ShearFrame

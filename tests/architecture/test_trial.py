@@ -13,6 +13,7 @@ from trial import (
     new_command,
     new_discrepancy,
     new_format,
+    new_law,
     new_model,
     new_sampler,
     new_section,
@@ -28,6 +29,7 @@ from structid.data_files import format_list
 from structid.inference.diagnostics.robust_spread import robust_spread
 from structid.inference.error_models import error_model_list
 from structid.inference.sampling import sampler_list
+from structid.mechanics.hysteretic_laws import law_list
 from structid.models import model_list
 from structid.report import section_list
 from structid.study.run import report_again, run_study
@@ -104,6 +106,7 @@ def registered(monkeypatch):
     register(stage_list, "STAGES", new_stage.STAGE)
     register(command_list, "COMMANDS", new_command.parameters)
     register(format_list, "TEXT_FORMATS", new_format.FORMAT)
+    monkeypatch.setitem(law_list.LAWS, "cubic", new_law.Cubic)
     purposes = {purpose.name: purpose.value for purpose in streams.Purpose}
     monkeypatch.setattr(streams, "Purpose", IntEnum("Purpose", purposes | {"RANDOM_WALK": 7_001}))
 
@@ -145,6 +148,12 @@ def test_the_study_is_read_back_without_sampling_again(study, tmp_path):
     kind = new_stage.LargestResponse
     np.testing.assert_array_equal(again.results[kind].peaks, first.results[kind].peaks)
     assert "A section of my own" in again.report.read_text()
+
+
+def test_a_new_hysteretic_law_is_simulated(registered):
+    law = si.Hysteretic("cubic", {"stiffness": 10.0}, free=("stiffening",))
+    forces = law.simulate([[0.5]], si.DisplacementHistory([0.0, 0.2, -0.4], dt=1.0)).channel("restoring_force")[0]
+    np.testing.assert_allclose(forces, [0.0, 2.0 * 1.02, -4.0 * 1.08])
 
 
 def test_a_new_sampler_draws_from_a_known_density(registered):

@@ -27,6 +27,7 @@ STROKES = tuple(
 
 WAVES = si.ParameterSpace(a=si.Uniform(0.2, 1.0), b=si.Normal(5.0, 1.0, low=1.0))
 SPRING = si.ParameterSpace(stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"), gamma_ratio=si.Uniform(-0.5, 0.8))
+FLAG = si.ParameterSpace(stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"), asymmetry=si.Uniform(0.8, 1.2))
 STOREYS = si.ParameterSpace(
     stiffness_1=si.Uniform(15.0, 25.0, unit="kN/mm"), stiffness_2=si.Uniform(15.0, 25.0, unit="kN/mm")
 )
@@ -41,6 +42,11 @@ np.savetxt("out.txt", a * np.sin(b * np.arange(len(record)) * dt) + record)
 
 def oscillator():
     return si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=SPRING.names)
+
+
+def flag():
+    law = {"yield_force": "60 kN", "hardening": 0.05, "flag_height": 0.6}
+    return si.Hysteretic("self_centering", law, mass=12e3, damping_ratio=0.03, free=FLAG.names)
 
 
 def frame():
@@ -98,6 +104,7 @@ def fitted(settings):
 # How each is made, its prior, and whether it knows more records than the one it was fitted to.
 MODELS = {
     "BoucWen": (lambda folder: oscillator(), SPRING, True),
+    "Hysteretic": (lambda folder: flag(), FLAG, True),
     "DriftingModel": (lambda folder: DriftingModel(oscillator(), SPRING, 3, 1.5), DRIFTING, True),
     "ShearFrame": (lambda folder: frame(), STOREYS, True),
     "MasonryWall": (lambda folder: wall(), JOINTS, True),

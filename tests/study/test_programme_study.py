@@ -210,7 +210,7 @@ MISTAKES = {
     "substeps = 10": ("substeps = 10\nalpha = -0.5", "-1/3"),
     'type = "bouc_wen"\nmass = "12 t"\n\n[parameters': (
         'type = "shear_frame"\n\n[parameters',
-        "'bouc_wen', 'masonry_wall'",
+        "'bouc_wen', 'hysteretic', 'masonry_wall'",
     ),
 }
 

@@ -17,7 +17,7 @@ class Law(NamedTuple):
     """Parameters of the hysteretic law; each parameter is an array over runs, or a float fixed at compile time.
 
     The exponent n is `exponent`, and A₀ is `amplitude`. The degradation rates are δ_A, δ_ν, δ_η [kg/J]. The pinching parameters
-    are ζ₀, p, q, ψ₀, δ_ψ, λ.
+    are ζ₀, p, q, ψ₀, δ_ψ, λ. The asymmetry ρ is the strength for z < 0, relative to the strength for z > 0.
     """
 
     alpha: Any
@@ -34,6 +34,7 @@ class Law(NamedTuple):
     psi0: Any
     delta_psi: Any
     lambda_: Any
+    asymmetry: Any = 1.0
 
 
 def known(value: Any, number: float) -> bool:
@@ -66,6 +67,8 @@ def pinching(velocity: Any, z: Any, energy: Any, nu: Any, a: Any, law: Law) -> A
     sum_of_shapes = nu * (law.beta + law.gamma)
     bounded = sum_of_shapes > 0.0
     ultimate = power(xp.maximum(a, 0.0) / xp.where(bounded, sum_of_shapes, 1.0), _inverse(law.exponent))
+    if not known(law.asymmetry, 1.0):
+        ultimate = xp.where(velocity < 0.0, law.asymmetry * ultimate, ultimate)
     zeta1 = law.zeta0 * (1.0 - xp.exp(-law.p * energy))
     zeta2 = (law.psi0 + law.delta_psi * energy) * (law.lambda_ + zeta1)
     h = 1.0 - zeta1 * xp.exp(-(((z * xp.sign(velocity) - law.q * ultimate) / zeta2) ** 2))
@@ -79,10 +82,12 @@ def _inverse(exponent: Any) -> Any:
 def law_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
     """Return an upper bound of |∂z′/∂z|, the rate at which the hysteretic displacement loses its memory.
 
-    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v|;   pinching and η only reduce the rate
+    |∂z′/∂z| ≤ ν n (β + |γ|) |z|^(n−1) |v| / min(1, ρ)ⁿ;   pinching and η only reduce the rate
     """
     xp = namespace(velocity)
     rate = (law.beta + xp.abs(law.gamma)) * xp.abs(velocity)
+    if not known(law.asymmetry, 1.0):
+        rate = rate / power(xp.minimum(law.asymmetry, 1.0), law.exponent)
     if not known(law.exponent, 1.0):
         size = xp.abs(z)
         rate = rate * law.exponent * power(size, law.exponent) / xp.where(size > 0.0, size, 1.0)
@@ -103,13 +108,18 @@ def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
 
     z′ = h(z) { A v − ν [β |v| |z|^(n−1) z + γ v |z|ⁿ] } / η                     [3.4]
     A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                       [3.5]
+
+    For z < 0 the shape uses z/ρ in place of z, so that the strength is ρ times as large.
     """
     xp = namespace(z)
+    stretched = z if known(law.asymmetry, 1.0) else xp.where(z < 0.0, z / law.asymmetry, z)
     # Unlike |z|^(n−1) z, the equal expression sign(z) |z|ⁿ can be differentiated at z = 0, where the history starts.
     if known(law.exponent, 1.0):
-        shape = law.beta * xp.abs(velocity) * z + law.gamma * velocity * xp.abs(z)
+        shape = law.beta * xp.abs(velocity) * stretched + law.gamma * velocity * xp.abs(stretched)
     else:
-        shape = power(xp.abs(z), law.exponent) * (law.beta * xp.abs(velocity) * xp.sign(z) + law.gamma * velocity)
+        shape = power(xp.abs(stretched), law.exponent) * (
+            law.beta * xp.abs(velocity) * xp.sign(z) + law.gamma * velocity
+        )
     if not degrades(law):
         return law.amplitude * velocity - shape
     a = law.amplitude - law.delta_a * energy

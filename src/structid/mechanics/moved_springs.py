@@ -84,6 +84,7 @@ def _pieces(law: Law, state: State, change: Any) -> float:
     both = law.beta + law.gamma
     bounded = np.asarray(both) > 0.0
     ultimate = (law.amplitude / np.where(bounded, both, 1.0)) ** (1.0 / np.asarray(law.exponent))
+    ultimate = ultimate * np.maximum(law.asymmetry, 1.0)
     largest = np.where(bounded, np.minimum(largest, np.maximum(ultimate, np.abs(state["z"]))), largest)
     length = float(np.max(law_rate(change, largest, state["e_h"], law), initial=0.0))
     return 1 if length <= LONGEST_STEP else float(np.ceil(length / SHORT_STEP))

@@ -177,6 +177,7 @@ class HystereticSprings(RestoringForce):
         """Increment for a Runge-Kutta error of 1e-9: 4 % of z_u, the largest z; see `RestoringForce.largest_move`."""
         shapes = float(np.max(np.abs(self.law.beta) + np.abs(self.law.gamma)))
         ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
+        ultimate *= min(1.0, float(np.min(self.law.asymmetry)))
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
 
     def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
@@ -221,7 +222,7 @@ def spring_law(
     **others: float | Sequence[float],
 ) -> Law:
     """Return the parameters of a hysteretic law, by default without degradation and pinching."""
-    given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0} | others
+    given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0, "asymmetry": 1.0} | others
     unknown = set(given) - set(Law._fields)
     if unknown:
         raise InputError("spring_law", f"'{unknown.pop()}'", ", ".join(Law._fields))

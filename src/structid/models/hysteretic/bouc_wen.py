@@ -26,6 +26,7 @@ from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.models.derived_quantity import DerivedQuantity
 from structid.models.hysteretic.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
+    LATER_TERMS,
     PARAMETER_UNITS,
     check_free,
     finite_number,
@@ -101,6 +102,10 @@ class BoucWen(TraceableModel):
         Rates of degradation δ_A, δ_ν, δ_η [kg/J], 0 by default.
     zeta0, p, q, psi0, delta_psi, lambda_ : float
         Pinching parameters ζ₀ < 1, p [kg/J], q, ψ₀ [m], δ_ψ [m kg/J], λ; no pinching by default.
+    asymmetry : float
+        ρ, strength under negative forces relative to the strength under positive forces; 1 by default.
+    force_offset : float
+        F₀ [N], part of the recorded restoring force only, such as a load cell's zero; it does not move the mass.
     initial_displacement, initial_velocity, initial_hysteretic_displacement : float
         State at the first sample [m, m/s, m], 0 by default.
     free : sequence of str
@@ -139,6 +144,8 @@ class BoucWen(TraceableModel):
     psi0: float = 0.0
     delta_psi: float = 0.0
     lambda_: float = 0.0
+    asymmetry: float = 1.0
+    force_offset: float = 0.0
     initial_displacement: float = 0.0
     initial_velocity: float = 0.0
     initial_hysteretic_displacement: float = 0.0
@@ -191,7 +198,7 @@ class BoucWen(TraceableModel):
             raise InputError("BoucWen.gamma", "neither gamma nor gamma_ratio is given", "exactly one of the two")
 
     def _check_values(self) -> None:
-        for name in ("mass", "stiffness", "exponent", "amplitude"):
+        for name in ("mass", "stiffness", "exponent", "amplitude", "asymmetry"):
             value = getattr(self, name)
             if value is not None and name not in self.free and value <= 0.0:
                 raise InputError(f"BoucWen.{name}", f"{value:g}", "a positive number")
@@ -274,7 +281,9 @@ class BoucWen(TraceableModel):
     @property
     def content_hash(self) -> str:
         """Hash of all settings."""
-        return digest("BoucWen", {f.name: getattr(self, f.name) for f in fields(self)})
+        # A model without the terms of later versions has the hash of the earlier ones, so that their stores can be continued.
+        settings = {f.name: getattr(self, f.name) for f in fields(self)}
+        return digest("BoucWen", {n: v for n, v in settings.items() if n not in LATER_TERMS or v != LATER_TERMS[n]})
 
     # --- description --------------------------------------------------------------------------------------------
 

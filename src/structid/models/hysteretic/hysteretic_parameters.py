@@ -29,11 +29,16 @@ PARAMETER_UNITS = {
     "psi0": "m",
     "delta_psi": "m*kg/J",
     "lambda_": "",
+    "asymmetry": "",
+    "force_offset": "N",
     "initial_displacement": "m",
     "initial_velocity": "m/s",
     "initial_hysteretic_displacement": "m",
 }
 """SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
+
+LATER_TERMS = {"asymmetry": 1.0, "force_offset": 0.0}
+"""Parameters that the first stores did not have, with the values at which they have no effect."""
 
 DEFAULT_SUBSTEPS = 3
 """Integration steps per sample, with a velocity error below 1e-4 of the velocity norm in the benchmark study."""

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from structid.core.arrays import Array
 from structid.engine.device import jnp
-from structid.mechanics.hysteresis import Law
+from structid.mechanics.hysteresis import Law, known
 from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
@@ -73,8 +73,9 @@ class OscillatorEquations(HystereticSystem):
         return self.elastic * u + self.hysteretic * z
 
     def spring_force(self, deformation: Any, z: Any) -> Any:
-        """Return the restoring force; see `HystereticSystem.spring_force`."""
-        return self.mass * self._force_per_mass(deformation, z)
+        """Return the restoring force, with the offset of its measurement; see `HystereticSystem.spring_force`."""
+        force = self.mass * self._force_per_mass(deformation, z)
+        return force if known(self.values["force_offset"], 0.0) else force + self.values["force_offset"]
 
     def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
         """Return the acceleration of the mass; see `HystereticSystem.acceleration`."""

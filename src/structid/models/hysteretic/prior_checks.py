@@ -27,6 +27,7 @@ PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "p": (0.0, np.inf),
     "psi0": (0.0, np.inf),
     "lambda_": (0.0, np.inf),
+    "asymmetry": (0.0, np.inf),
 }
 """Ranges of physically possible parameter values in SI, including both ends."""
 

@@ -21,6 +21,7 @@ from structid.models.derived_quantity import DerivedQuantity
 from structid.models.hysteretic.frame_equations import FrameEquations, stiffness_matrix
 from structid.models.hysteretic.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
+    LATER_TERMS,
     PARAMETER_UNITS,
     check_free,
     finite_number,
@@ -51,6 +52,7 @@ STOREY_PARAMETERS = (
     "psi0",
     "delta_psi",
     "lambda_",
+    "asymmetry",
 )
 """Parameters of every storey; `stiffness` means the stiffness of all storeys, `stiffness_2` of the second storey only."""
 MOST_STOREYS = 200
@@ -101,6 +103,8 @@ class ShearFrame(TraceableModel):
         Hysteretic law of the springs, see `BoucWen`; give exactly one of gamma and gamma_ratio.
     delta_a, delta_nu, delta_eta, zeta0, p, q, psi0, delta_psi, lambda_ : float or sequence
         Degradation and pinching, see `BoucWen`; none by default.
+    asymmetry : float or sequence
+        Strength under negative shears, relative to the strength under positive shears; 1 by default.
     damping_ratio : float
         ζ.
     damping : {"modal", "rayleigh"} or ndarray, shape (storey, storey)
@@ -143,6 +147,7 @@ class ShearFrame(TraceableModel):
     psi0: Storeys = 0.0
     delta_psi: Storeys = 0.0
     lambda_: Storeys = 0.0
+    asymmetry: Storeys = 1.0
     damping_ratio: float = 0.0
     damping: str | np.ndarray = "modal"
     rayleigh_mode: int = 3
@@ -182,7 +187,7 @@ class ShearFrame(TraceableModel):
             return None
         given = [value] * self.storeys if np.ndim(value) == 0 else list(value)  # type: ignore[arg-type]
         values = tuple(finite_number(f"ShearFrame.{name}", v) for v in given)
-        if name in ("mass", "stiffness", "exponent", "amplitude") and min(values) <= 0.0:
+        if name in ("mass", "stiffness", "exponent", "amplitude", "asymmetry") and min(values) <= 0.0:
             raise InputError(f"ShearFrame.{name}", f"{min(values):g}", "positive numbers")
         for value_of_storey in values:
             check_value(f"ShearFrame.{name}", name, value_of_storey)
@@ -330,6 +335,7 @@ class ShearFrame(TraceableModel):
     def content_hash(self) -> str:
         """Hash of all settings."""
         settings = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "damping"}
+        settings = {n: v for n, v in settings.items() if n not in LATER_TERMS or v != LATER_TERMS[n]}
         return digest(
             "ShearFrame", settings, np.asarray(self.damping) if not isinstance(self.damping, str) else self.damping
         )

@@ -1,0 +1,1 @@
+"""Hysteretic laws of springs: force against deformation and its history."""
