@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.streams import Purpose, stream
+from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Block
 from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
@@ -20,6 +21,9 @@ SAMPLED_RESPONSES = 8
 
 PARTICLES_ASKED = 64
 """Approximate number of particles of a tempering step at which the variance due to the surrogate error is evaluated."""
+
+SAMPLED_AT_ONCE = 3_000_000
+"""Approximate number of values of the responses that are sampled at once, 24 MB; long records would fill the memory."""
 
 SMALLEST_EXPONENT = 1e-300
 """Exponent assigned to the prior when likelihood exponents are compared by their logarithms."""
@@ -131,7 +135,15 @@ def variance_by_the_surrogate(
     rng = stream(0, Purpose.SURROGATE_ERROR)  # the same stream at every call, so that points can be compared
     parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
     rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
-    responses = [surrogate.sampled(parameters, o.record, rng) for o in posterior.observations]
+
+    def sampled(record: Excitation) -> Iterator[np.ndarray]:
+        # Whole points: NumPy sums a single row in another order, and the last digits would depend on the size.
+        of_point = SAMPLED_RESPONSES * len(record) * len(surrogate.channels)
+        size = SAMPLED_RESPONSES * max(1, SAMPLED_AT_ONCE // of_point)
+        for first in range(0, len(parameters), size):
+            yield surrogate.sampled(parameters[first : first + size], record, rng)
+
+    responses = (sampled(observation.record) for observation in posterior.observations)
     density = posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
     finite = np.isfinite(density).all(axis=1)
     variance = np.var(np.where(finite[:, None], density, 0.0), axis=1, ddof=1)

@@ -49,10 +49,10 @@ def error_near_the_posterior(
     The most accurate surrogate over the whole prior need not be the most accurate one near the posterior.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
-    responses = [
+    responses = (
         _among_all(surrogate.left_out(parameters[fitted], observation.record), fitted)
         for observation, fitted in zip(posterior.observations, ran, strict=True)
-    ]
+    )
     with np.errstate(invalid="ignore"):  # both may be −inf
         error = log_true - posterior.given(responses).log_density(theta)
     exponent, weights = tempered_weights(log_true, NEAR_SHARE)

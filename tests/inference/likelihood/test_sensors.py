@@ -89,6 +89,8 @@ def test_likelihood_is_that_of_the_dense_covariance(kind, kernel):
     np.testing.assert_allclose(likelihood(of), expected, rtol=1e-9)
     np.testing.assert_allclose(of.pointwise_log_likelihood(THETA).sum(axis=(1, 2)), expected, rtol=1e-9)
     np.testing.assert_allclose(of.given([RESPONSE]).log_density(THETA), of.log_density(THETA), rtol=1e-12)
+    blocks = (response[None] for response in RESPONSE)
+    np.testing.assert_allclose(of.given([blocks]).log_density(THETA), of.log_density(THETA), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["slower", "faster"])

@@ -2,51 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.observation_likelihood import ObservationLikelihood
+
+Responses = np.ndarray | Iterable[np.ndarray]
+"""Responses (run, time, channel) to one record: of all runs in one array, or block by block."""
 
 
 class GivenResponses:
     """A posterior computed from model runs made beforehand."""
 
     def __init__(
-        self, likelihood: JointLikelihood, responses: Sequence[np.ndarray], compiled: Sequence[Callable[..., Any]]
+        self, likelihood: JointLikelihood, responses: Iterable[Responses], compiled: Sequence[Callable[..., Any]]
     ) -> None:
         self._likelihood = likelihood
-        self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
-        # Most arrays of thousands of responses are finite and need no copy.
-        runs = responses if self._finite.all() else [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
-        self._squares = [
-            _sum_of_squares(bound, histories) for bound, histories in zip(likelihood.of, runs, strict=True)
-        ]
-        self._responses = [histories.transpose(1, 2, 0) for histories in runs]
+        # An iterator of responses makes each when it is needed: only their reductions are kept.
+        self._reduced = [_Reduced.of(bound, runs) for bound, runs in zip(likelihood.of, responses, strict=True)]
         self._given = compiled
 
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log posterior density."""
         theta = self._likelihood.points(theta)
-        total = self._likelihood.space.log_density(theta)
-        for bound, given, response, squares in zip(
-            self._likelihood.of, self._given, self._responses, self._squares, strict=True
-        ):
-            if squares is not None:
-                likelihood = bound.of_squares(squares, theta)
+        total, finite = self._likelihood.space.log_density(theta), np.ones(len(theta), dtype=bool)
+        for bound, given, reduced in zip(self._likelihood.of, self._given, self._reduced, strict=True):
+            if bound.needs_only_squares:
+                likelihood = bound.of_squares(reduced.values, theta)
             else:
+                response = reduced.values.transpose(1, 2, 0)
                 likelihood = given(response, theta, bound.weighted(bound.observation.values[:, :, None]))
             total = total + np.asarray(likelihood)
-        return np.where(self._finite & ~np.isnan(total), total, -np.inf)
+            finite &= reduced.finite
+        return np.where(finite & ~np.isnan(total), total, -np.inf)
 
 
-def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarray | None:
-    """Σ (y − M)² (channel, run) of responses (run, time, channel), if the likelihood needs only this."""
-    if not bound.needs_only_squares:
-        return None
+class _Reduced(NamedTuple):
+    """The part of some responses that the likelihood of an observation needs."""
+
+    finite: Bool[np.ndarray, " run"]  # whether the model run succeeded
+    # Σ (y − M)² (channel, run) if this is enough, otherwise the responses in the measured channels (run, time, channel)
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, bound: ObservationLikelihood, responses: Responses) -> _Reduced:
+        """Reduce responses in the model's channels, block by block."""
+        blocks = [responses] if isinstance(responses, np.ndarray) else responses
+        parts = [cls._of_block(bound, block) for block in blocks]
+        if len(parts) == 1:
+            return parts[0]
+        axis = 1 if bound.needs_only_squares else 0
+        return cls(np.concatenate([p.finite for p in parts]), np.concatenate([p.values for p in parts], axis=axis))
+
+    @classmethod
+    def _of_block(cls, bound: ObservationLikelihood, runs: Float[np.ndarray, "run time channel"]) -> _Reduced:
+        finite = np.isfinite(runs).all(axis=(1, 2))
+        # Most arrays of thousands of responses are finite and need no copy.
+        runs = runs if finite.all() else np.where(finite[:, None, None], runs, 0.0)
+        if bound.needs_only_squares:
+            return cls(finite, _sum_of_squares(bound, runs))
+        if bound.model.channels == bound.channels:
+            return cls(finite, runs)
+        return cls(finite, runs[:, :, [bound.model.channels.index(channel) for channel in bound.channels]])
+
+
+def _sum_of_squares(bound: ObservationLikelihood, runs: np.ndarray) -> np.ndarray:
+    """Σ (y − M)² (channel, run) of responses (run, time, channel)."""
     observation, squares = bound.observation, []
     # Channel by channel: contiguous samples are summed several times as fast as columns.
     for index, channel in enumerate(observation.channels):

@@ -143,7 +143,12 @@ class ObservationLikelihood:
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
     ) -> Float[Array, " run"]:
         """Log-likelihood of given responses, inside JAX."""
-        measured = self.measured_channels(response)
+        return self.given_measured(self.measured_channels(response), theta, values)
+
+    def given_measured(
+        self, measured: Float[Array, "time shown_channel run"], theta: Float[Array, "run parameter"], values: Any
+    ) -> Float[Array, " run"]:
+        """Log-likelihood of given responses in the measured channels, inside JAX."""
         return self._mean_of_signs(
             [self._given(measured, theta, values, sign) for sign in self.observation.instrument.signs]
         )

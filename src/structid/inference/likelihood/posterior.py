@@ -5,7 +5,7 @@ Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bib
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from structid.engine.lanes.differentiable import differentiable_in_lanes
 from structid.engine.lanes.in_lanes import InLanes
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
-from structid.inference.likelihood.given_responses import GivenResponses
+from structid.inference.likelihood.given_responses import GivenResponses, Responses
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
 from structid.inference.likelihood.observation_likelihood import Measured
@@ -376,13 +376,14 @@ class Posterior(Target):
         # Compiled code is valid in this process only.
         return {k: v for k, v in self.__dict__.items() if not k.endswith("_in_lanes") and k != "_compiled_given"}
 
-    def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
+    def given(self, responses: Iterable[Responses]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
 
         Parameters
         ----------
-        responses : sequence of ndarray, shape (run, time, channel)
+        responses : iterable of ndarray, shape (run, time, channel)
             The model's response to the record of each observation, in the model's channels; NaN where it failed.
+            Instead of one array, an iterator of blocks of runs needs memory for one block only.
 
         Returns
         -------
@@ -394,7 +395,7 @@ class Posterior(Target):
     @cached_property
     def _compiled_given(self) -> tuple[Callable[..., Any], ...]:
         """Log-likelihood of responses to the record of each observation."""
-        return tuple(jax.jit(bound.given) for bound in self.likelihood.of)
+        return tuple(jax.jit(bound.given_measured) for bound in self.likelihood.of)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
         """Prediction of one observation, including the instrument, without errors.
