@@ -152,9 +152,9 @@ class IID(Discrepancy):
         dt: float,
     ) -> np.ndarray:
         """Draw white noise; see `Discrepancy.draw`."""
-        return np.asarray(
-            rng.standard_normal(shape) * np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
-        )
+        errors = rng.standard_normal(shape)
+        errors *= np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
+        return errors
 
     def describe(self) -> dict[str, Any]:
         """Return the kind and the given variance."""

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from structid.inference.convergence import autocorrelation_time
 from structid.inference.prediction.error_growth import running_power
+from structid.inference.prediction.over_draws import median, quantiles
 
 PROBABILITY = 0.9
 """Probability of the compared bands."""
@@ -39,13 +40,13 @@ class BandScale:
     ) -> BandScale:
         """Find the factors that give a band of draws its nominal coverage of the measured values."""
         tail = 0.5 * (1.0 - PROBABILITY)
-        low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
-        half_width = np.where(measured > median, high - median, median - low)
-        power = _relative_power(median, dt)
+        low, middle, high = quantiles(draws, [tail, 0.5, 1.0 - tail])
+        half_width = np.where(measured > middle, high - middle, middle - low)
+        power = _relative_power(middle, dt)
         factors = np.ones((len(LEVELS), measured.shape[1]))
         for channel in np.flatnonzero((half_width > 0.0).all(axis=0)):
             known = np.isfinite(measured[:, channel])
-            away = (np.abs(measured - median)[:, channel] / half_width[:, channel])[known]
+            away = (np.abs(measured - middle)[:, channel] / half_width[:, channel])[known]
             factors[:, channel] = _factors(away, power[known, channel])
         return cls(factors)
 
@@ -53,12 +54,15 @@ class BandScale:
         """Scale the deviation of draws from their median."""
         if not len(draws):
             return draws
-        median = np.median(draws, axis=0)
-        power = _relative_power(median, dt)
+        middle = median(draws)
+        power = _relative_power(middle, dt)
         scale = np.stack(
             [_between(power[:, i], factors_of_channel) for i, factors_of_channel in enumerate(self.factors.T)], axis=1
         )
-        return np.asarray(median + scale * (draws - median))
+        scaled = draws - middle
+        scaled *= scale
+        scaled += middle
+        return np.asarray(scaled)
 
 
 def _relative_power(median: np.ndarray, dt: float) -> np.ndarray:

@@ -28,8 +28,13 @@ class ErrorGrowth:
         """σ(t)/σ for another record."""
         if not (len(response) and self.share.any()):
             return np.ones(response.shape)
-        power = np.stack([running_power(each, dt) for each in response])
-        return np.asarray(np.sqrt(1.0 - self.share + self.share * power / self.power))
+        power = np.empty(response.shape)
+        for draw, history in enumerate(response):
+            power[draw] = running_power(history, dt)
+        power *= self.share
+        power /= self.power
+        power += 1.0 - self.share
+        return np.sqrt(power, out=power)
 
 
 def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Float[np.ndarray, "time channel"]:

@@ -22,6 +22,7 @@ from structid.inference.error_models.base import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.band_scale import BandScale
 from structid.inference.prediction.error_growth import ErrorGrowth, error_growth
+from structid.inference.prediction.over_draws import median, quantiles
 from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.models.base import Model
 from structid.observation import Observation
@@ -102,7 +103,7 @@ class Prediction(ShownAsText):
             Lower and upper edge in SI.
         """
         tail = 0.5 * (1.0 - probability)
-        low, high = np.quantile(self.observable if discrepancy else self.response, [tail, 1.0 - tail], axis=0)
+        low, high = quantiles(self.observable if discrepancy else self.response, [tail, 1.0 - tail])
         return low, high
 
     @property
@@ -180,26 +181,25 @@ class Predictor:
         prediction = self._responding(record, sources, progress, stand_in)
         if not self.scaled or not len(prediction.response):
             return prediction
-        whole = prediction
         for index in sources.indices:
             measured = observations[index]
             if index in sources.here:
                 places = sources.places(index)
                 there = [measured.channels.index(sources.channels[position]) for position in places]
                 scale = self._band_scale(index, there, prediction, places)
-                whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have no added drift
+                _scale(prediction, scale, places, record.dt, response=False)  # its parameters have no added drift
         # A further prediction of the measured record would double the runs of an expensive model.
         if sources.here or self.posterior.costs_runs:
-            return whole
+            return prediction
         ratios = np.ones(len(sources.channels))
         for index in sources.indices:
             measured, places = observations[index], sources.places(index)
             there = [measured.channels.index(sources.channels[position]) for position in places]
             scale, ratio = self._of_the_measured_record(index)
-            whole = _scaled(whole, BandScale(scale.factors[:, there]), places, record.dt)
+            _scale(prediction, BandScale(scale.factors[:, there]), places, record.dt)
             ratios[places] = ratio[there]
         share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
-        return replace(whole, peak_ratio=ratios, peak_share=share)
+        return replace(prediction, peak_ratio=ratios, peak_share=share)
 
     def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
         """Band scale and peak ratio of an observation, predicted as if its record were another record."""
@@ -210,8 +210,8 @@ class Predictor:
             prediction = self._responding(another, sources, None, instrument=True)
             every = list(range(len(observation.channels)))
             scale = self._band_scale(index, every, prediction, every)
-            scaled = _scaled(prediction, scale, every, another.dt)
-            ratio = _peak_ratio(observation, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+            _scale(prediction, scale, every, another.dt)
+            ratio = _peak_ratio(observation, prediction, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
             self._measured_again[index] = scale, ratio
         return self._measured_again[index]
 
@@ -276,7 +276,7 @@ class Predictor:
         def response_of(index: int | None, channels: Sequence[str]) -> np.ndarray:
             """The model's response with the instrument of an observation, (draw, time, channel)."""
             run = runs[index] if alone and index is not None else next(iter(runs.values()))
-            values = run.values[good][:, :, [run.channels.index(c) for c in channels]]
+            values = (run.values if good.all() else run.values[good])[:, :, [run.channels.index(c) for c in channels]]
             if index is None or not len(values) or not (index in sources.here or instrument):
                 return np.asarray(values)
             observation, bound = observations[index], posterior.likelihood.of[index]
@@ -284,44 +284,50 @@ class Predictor:
             sign = bound.sign(response, theta[good])
             return np.asarray(observation.instrument.on_record(response, unknown, sign)).transpose(2, 0, 1)
 
+        def there(index: int) -> list[int]:
+            """Places, among the channels of an observation, of the channels whose source it is."""
+            return [observations[index].channels.index(sources.channels[place]) for place in sources.places(index)]
+
         responses = {index: response_of(index, channels_of_one) for index, channels_of_one in measured.items()}
-        plain = response_of(None, sources.channels)
+        of_sources = response_of(None, sources.channels).copy()
+        for index, response in responses.items():
+            of_sources[:, :, sources.places(index)] = response[:, :, there(index)]
+        first, status = next(iter(runs.values())), np.max([run.status for run in runs.values()], axis=0)
+        time, model_units = first.time, first.units
+        del first
+        runs.clear()  # histories of all draws take much memory, and are not needed again
 
         def erring(error_model: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
-            result = plain.copy()
+            result = of_sources.copy()
+            if error_model is None:
+                return result
             for index, response in responses.items():
-                observation, places = observations[index], sources.places(index)
-                there = [observation.channels.index(sources.channels[index_of_channel]) for index_of_channel in places]
-                values = response
-                if error_model is not None:
-                    drawn = purpose or (
-                        Purpose.PREDICTION_ON_THE_RECORD
-                        if index in sources.here
-                        else Purpose.PREDICTION_ON_ANOTHER_RECORD
-                    )
-                    rng, unknown = stream(self.seed, drawn, index), posterior.unknowns(theta[good], index)
-                    errors = error_model.draw(rng, response.shape, unknown, observation.channels, record.dt)
-                    values = response + self._size_of_errors(index, response, record.dt, index in sources.here) * errors
-                result[:, :, places] = values[:, :, there]
-            return np.asarray(result)
+                here = index in sources.here
+                drawn = Purpose.PREDICTION_ON_THE_RECORD if here else Purpose.PREDICTION_ON_ANOTHER_RECORD
+                rng, unknown = stream(self.seed, purpose or drawn, index), posterior.unknowns(theta[good], index)
+                errors = error_model.draw(rng, response.shape, unknown, observations[index].channels, record.dt)
+                errors = errors * self._size_of_errors(index, response, record.dt, here)
+                errors += response
+                result[:, :, sources.places(index)] = errors[:, :, there(index)]
+            return result
 
-        error_model, first = posterior.discrepancy, next(iter(runs.values()))
-        units = first.units | {
+        error_model = posterior.discrepancy
+        units = model_units | {
             c: observations[index].channel_unit(c)
             for index, channels_of_one in reversed(measured.items())
             for c in channels_of_one
             if c in observations[index].units
         }
         return Prediction(
-            first.time,
+            time,
             sources.channels,
-            erring(None),
+            of_sources,
             erring(error_model),
             int((~good).sum()),
             record.name,
             {c: units[c] for c in sources.channels},
             erring(error_model.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
-            status=np.max([run.status for run in runs.values()], axis=0),
+            status=status,
         )
 
     def _run(
@@ -400,7 +406,7 @@ def _peak_ratio(observation: Observation, prediction: Prediction, rng: np.random
     residual, whose variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
     """
     structural = prediction.response if prediction.structural is None else prediction.structural
-    residual = observation.values - np.asarray(observation.instrument.sampled(np.median(prediction.response, axis=0)))
+    residual = observation.values - np.asarray(observation.instrument.sampled(median(prediction.response)))
     sd = np.sqrt(_mean_of_known(np.diff(residual, 2, axis=0) ** 2) / 6.0) if len(residual) > 2 else 0.0
     noisy = structural + sd * rng.normal(size=structural.shape)
     predicted = np.median(_largest(np.where(observation.covered[:, None], noisy, 0.0)), axis=0)
@@ -420,25 +426,13 @@ def _largest(histories: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(histories).max(axis=1))
 
 
-def _scaled(
-    prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
-) -> Prediction:
+def _scale(prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True) -> None:
     """Scale the errors in some channels as on the measured record; `response` also scales the response."""
-    if not places:
-        return prediction
-
-    def applied(draws: np.ndarray, scale: BandScale) -> np.ndarray:
-        scaled = draws.copy()
-        scaled[:, :, places] = scale.applied(draws[:, :, places], dt)
-        return scaled
-
     # Parameter uncertainty is a part of the total: it is narrowed with the total, but not widened. A peak is an extreme of the
     # record, on which a 90 % band of the samples contains little information: histories used for peaks are not narrowed.
     narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
-    structural = prediction.response if prediction.structural is None else prediction.structural
-    return replace(
-        prediction,
-        response=applied(prediction.response, narrowed) if response else prediction.response,
-        observable=applied(prediction.observable, scale),
-        structural=applied(structural, widened),
-    )
+    assert prediction.structural is not None
+    scales = [(prediction.observable, scale), (prediction.structural, widened)]
+    for draws, scale_of_draws in [*scales, *([(prediction.response, narrowed)] if response else [])]:
+        # In place: copies of all histories would need several times their memory.
+        draws[:, :, places] = scale_of_draws.applied(draws[:, :, places], dt)
