@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass
@@ -44,16 +45,19 @@ def draw(
 ) -> list[DrawnSection]:
     """Draw all figures of the sections, and write them to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    steps = [(section, drawing) for section in sections for drawing in section.drawings(material)]
+    steps = deque((section, drawing) for section in sections for drawing in section.drawings(material))
+    count = len(steps)
     begun: list[tuple[str, Picture, Future[Rendered] | None]] = []
     pictures: dict[str, list[DrawnPicture]] = {section.key: [] for section in sections}
     with Renderer() as renderer:
-        for done, (section, drawing) in enumerate(steps, start=1):
+        while steps:
+            # The drawings of one observation share its predictions, which are not held longer than needed.
+            section, drawing = steps.popleft()
             picture = drawing()
             waiting = None if isinstance(picture.drawn, Film) else renderer.begin(picture.drawn)
             begun.append((section.key, picture, waiting))
             if progress is not None:
-                progress(done, len(steps))
+                progress(count - len(steps), count)
         for key, picture, waiting in begun:
             pictures[key].append(_written(picture, waiting, renderer, folder))
     return [DrawnSection(section, tuple(pictures[section.key])) for section in sections]

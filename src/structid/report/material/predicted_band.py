@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,28 +27,20 @@ class PredictedBand:
     def __init__(
         self, draws: Prediction, best: Float[np.ndarray, "time channel"], observation: Observation | None = None
     ) -> None:
-        self.draws, self.best, self.observation = draws, best, observation
-
-    @property
-    def time(self) -> Float[np.ndarray, " time"]:
-        """Times of the response, or of the sensor's samples."""
-        return self.draws.time if self.observation is None else self.observation.time
+        self.best, self.observation = best, observation
+        # The draws themselves are not kept: a report has many predictions, each of hundreds of histories.
+        self.channels, self.units = draws.channels, draws.units
+        self.peaks, self.peak_ratio = draws.peaks, draws.peak_ratio
+        # Times of the response, or of the sensor's samples
+        self.time = draws.time if observation is None else observation.time
+        # Bounds of the 90 % bands without and with errors, in SI, all of shape (time, channel)
+        self.inner, self.outer = self._edges(draws.band()), self._edges(draws.band(discrepancy=True))
 
     def _edges(self, edges: Edges) -> Edges:
         if self.observation is None:
             return edges
         low, high = map(self.observation.instrument.edge_at_samples, edges)
         return low, high
-
-    @cached_property
-    def inner(self) -> Edges:
-        """Bounds of the 90 % band of the response without errors, in SI, both of shape (time, channel)."""
-        return self._edges(self.draws.band())
-
-    @cached_property
-    def outer(self) -> Edges:
-        """Bounds of the 90 % band with errors, in SI, both of shape (time, channel)."""
-        return self._edges(self.draws.band(discrepancy=True))
 
     def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:
         """Draw the bands of one channel."""
@@ -61,7 +52,7 @@ class PredictedBand:
             self.best[:, column] / by,
             inner,
             outer,
-            self.draws.channels[column],
+            self.channels[column],
             unit,
             reference="" if reference is None else reference[0],
         )

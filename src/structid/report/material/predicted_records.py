@@ -70,7 +70,7 @@ class PredictedRecord:
         model = self._material.truths[0]
         if model is None:
             return None
-        simulated = model.recording(*self.band.draws.channels).simulate(np.zeros((1, 0)), self.record)
+        simulated = model.recording(*self.band.channels).simulate(np.zeros((1, 0)), self.record)
         return np.asarray(simulated.values[0])
 
     def inside(self, column: int) -> float | None:
@@ -82,11 +82,11 @@ class PredictedRecord:
 
     def peaks(self) -> list[Peak]:
         """Largest response in each channel."""
-        draws, peaks = self.band.draws, []
-        for column, channel in enumerate(draws.channels):
-            unit = draws.units[channel].display
+        band, peaks = self.band, []
+        for column, channel in enumerate(band.channels):
+            unit = band.units[channel].display
             by = factor(unit)
-            low, median, high = np.quantile(draws.peaks[:, column] / by, [0.05, 0.5, 0.95])
+            low, median, high = np.quantile(band.peaks[:, column] / by, [0.05, 0.5, 0.95])
             truth = None if self.truth is None else float(np.abs(self.truth[:, column]).max() / by)
             peaks.append(Peak(channel, unit, float(low), float(median), float(high), truth))
         return peaks

@@ -41,10 +41,10 @@ def _words(material: PosteriorMaterial) -> list[str]:
         "The predicted peak is the peak of the structure: it includes the model error, but not the instrument noise. The inner "
         "band shows the model response only. The outer band shows the expected reading of an instrument."
     ]
-    draws = predicted_records(material)[0].band.draws
-    if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
+    band = predicted_records(material)[0].band
+    if band.peak_ratio is None or (band.peak_ratio == 1.0).all():
         return words
-    ratios = [f"{ratio:.2f} ({name})" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
+    ratios = [f"{ratio:.2f} ({name})" for name, ratio in zip(band.channels, band.peak_ratio, strict=True)]
     return [
         *words,
         f"For the measured record, the measured peak is {', '.join(ratios)} times the predicted peak. One record cannot show "
@@ -62,12 +62,12 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 
 def _band(other: PredictedRecord, number_of_it: int, column: int) -> Picture:
-    draws = other.band.draws
-    channel = draws.channels[column]
+    band = other.band
+    channel = band.channels[column]
     name = f"other_{number_of_it}_{channel}"
     truth, held = other.truth, other.inside(column)
     reference = None if truth is None else ("truth of the virtual experiment", truth[:, column])
-    figure = other.band.draw(column, draws.units[channel].display, reference)
+    figure = band.draw(column, band.units[channel].display, reference)
     sentence = (
         ""
         if held is None

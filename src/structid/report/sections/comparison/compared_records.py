@@ -58,14 +58,14 @@ def _drawings(material: ComparisonMaterial) -> list[Drawing]:
     return [
         partial(_draw, material.names, together, number, column)
         for number, together in enumerate(_together(material), start=1)
-        for column in range(len(together[0].band.draws.channels))
+        for column in range(len(together[0].channels))
     ]
 
 
 def _draw(names: list[str], together: tuple[PredictedRecord, ...], number: int, column: int) -> Picture:
-    draws = together[0].band.draws
-    channel = draws.channels[column]
-    unit = draws.units[channel].display
+    band = together[0].band
+    channel = band.channels[column]
+    unit = band.units[channel].display
 
     def of_channel(edges: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         low, high = edges
@@ -73,7 +73,7 @@ def _draw(names: list[str], together: tuple[PredictedRecord, ...], number: int, 
 
     truth = together[0].truth
     figure = figures.side_by_side(
-        draws.time,
+        band.time,
         None if truth is None else truth[:, column] / factor(unit),
         [of_channel(p.band.inner) for p in together],
         [of_channel(p.band.outer) for p in together],
