@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.engine.device import jnp
-from structid.probability.bijections import Bijection, Scatter
+from structid.probability.bijections import POINTS_AT_ONCE, Bijection, Scatter
 
 BOX = np.array([[0.0, 1.0], [2.0, np.inf], [-np.inf, np.inf], [-np.inf, 3.0], [-1e6, 7e6]])
 MAP = Bijection(BOX, scales=[1.0, 1.0, 5.0, 1.0, 1.0])
@@ -75,3 +75,11 @@ def test_logarithms_within_two_bounds():
     np.testing.assert_allclose(traced, jacobian, rtol=1e-12)
     slopes = (by_logarithm(phi + 1e-6)[0] - by_logarithm(phi - 1e-6)[0]) / 2e-6
     np.testing.assert_allclose(np.log(slopes).sum(axis=1), jacobian, rtol=1e-7)
+
+
+def test_many_points_are_mapped_as_a_few():
+    many = np.tile(PHI, (POINTS_AT_ONCE // len(PHI) + 2, 1))
+    theta, jacobian = TOGETHER(many)
+    few = [TOGETHER(PHI)] * (len(many) // len(PHI))
+    np.testing.assert_array_equal(theta, np.concatenate([of[0] for of in few]))
+    np.testing.assert_array_equal(jacobian, np.concatenate([of[1] for of in few]))

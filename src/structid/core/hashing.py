@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,15 +20,40 @@ Smaller descriptions contain every object in full, so that hashes in earlier sto
 """
 
 
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """An array in pieces along its first axis; its hash is that of the whole array."""
+
+    arrays: Sequence[np.ndarray]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the numbers, common to all pieces."""
+        return self.arrays[0].dtype
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole array."""
+        return (sum(len(piece) for piece in self.arrays), *self.arrays[0].shape[1:])
+
+
 def digest(*parts: Any) -> str:
     """Short content hash of arrays and JSON-compatible values."""
     sha = hashlib.sha256()
     for part in parts:
-        if isinstance(part, np.ndarray):
-            sha.update(str((part.dtype.str, part.shape)).encode() + np.ascontiguousarray(part).tobytes())
+        if isinstance(part, (np.ndarray, Pieces)):
+            sha.update(str((part.dtype.str, part.shape)).encode())
+            for piece in part.arrays if isinstance(part, Pieces) else [part]:
+                sha.update(_bytes_of(piece))
         else:
             sha.update(json.dumps(part, sort_keys=True, default=repr).encode())
     return sha.hexdigest()[:16]
+
+
+def _bytes_of(array: np.ndarray) -> Any:
+    """Bytes of an array in C order; without a copy of a contiguous array, which may be all draws of a run."""
+    contiguous = np.ascontiguousarray(array)
+    return contiguous.tobytes() if contiguous.dtype.hasobject else contiguous.reshape(-1).view(np.uint8)
 
 
 def function_identity(function: Any) -> str:

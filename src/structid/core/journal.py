@@ -119,16 +119,18 @@ class Journal:
         """Write one entry; it is on disk when the method returns."""
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
-        framed = _frame(buffer.getvalue())
+        payload = buffer.getbuffer()  # no copy: a block of draws is tens of megabytes
+        head = _frame_head(payload)
         if self._end == 0:
             self._create()
         with self.path.open("r+b") as file:
             file.truncate(self._end)
             file.seek(self._end)
-            file.write(framed)
+            file.write(head)
+            file.write(payload)
             file.flush()
             os.fsync(file.fileno())
-        self._end += len(framed)
+        self._end += len(head) + len(payload)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         if self._end == 0:
@@ -228,7 +230,11 @@ def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[s
 
 
 def _frame(payload: bytes) -> bytes:
-    return _FRAME.pack(len(payload), zlib.crc32(payload)) + payload
+    return _frame_head(payload) + payload
+
+
+def _frame_head(payload: bytes | memoryview) -> bytes:
+    return _FRAME.pack(len(payload), zlib.crc32(payload))
 
 
 def _read_frame(file: io.BufferedReader) -> bytes | None:

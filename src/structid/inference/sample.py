@@ -92,8 +92,10 @@ def sample(
             chains.append(index, block)
 
     drawn = sampler.run(target, seed, start, blocks, keep, progress)
+    del blocks  # `drawn` has copies of all draws
     if chains is not None:
         chains.finish()
+    del chains
     population = None
     if sampler.compared and target.knows_prior and not target.costs_runs:
         kept = None if store is None else Path(store).with_suffix(".beside.h5")

@@ -191,8 +191,7 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def _diagnostics(self) -> dict[str, Any]:
-        compared = self.target.compared(self.kept)
-        return {name: parameter_diagnostics(compared[..., i]) for i, name in enumerate(self.names)}
+        return {name: parameter_diagnostics(self.target.compared_of(i, self.kept)) for i, name in enumerate(self.names)}
 
     def summary(self) -> Summary:
         """Return moments, quantiles, best point and diagnostics as a table.

@@ -96,8 +96,15 @@ class Target(ABC):
         if not places:
             return theta
         values = theta.copy()
-        values[..., places] = np.log(np.maximum(values[..., places], np.finfo(np.float64).tiny))
+        values[..., places] = _logarithm(values[..., places])
         return values
+
+    def compared_of(
+        self, index: int, theta: Float[np.ndarray, "step ensemble walker parameter"]
+    ) -> Float[np.ndarray, "step ensemble walker"]:
+        """Return one of the quantities of `compared`; a copy of all of them may be large."""
+        values = theta[..., index]
+        return _logarithm(values) if self.names[index] in self.variances else values
 
     @property
     def costs_runs(self) -> bool:
@@ -364,3 +371,7 @@ class LogDensity(Target):
     def content_hash(self) -> str:
         """Hash of the names, the bounds and the function's behaviour."""
         return digest(self.names, self.bijection.bounds, function_identity(self._function))
+
+
+def _logarithm(variances: np.ndarray) -> np.ndarray:
+    return np.asarray(np.log(np.maximum(variances, np.finfo(np.float64).tiny)))

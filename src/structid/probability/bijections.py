@@ -12,6 +12,9 @@ from jaxtyping import Float
 
 from structid.core.arrays import Array
 
+POINTS_AT_ONCE = 20_000
+"""Number of points that are mapped at once; all draws of a run at once would need many times their own memory."""
+
 
 class Scatter(NamedTuple):
     """Parameters b_k that are standardised deviations from a mean: the model depends on x_k = μ + d b_k.
@@ -82,6 +85,15 @@ class Bijection:
 
     def __call__(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Map ℝᵈ to the parameter ranges on the host; ten times as fast as `forward` for few points."""
+        if len(phi) <= POINTS_AT_ONCE:
+            return self._of_points(phi)
+        theta, jacobian = np.empty(phi.shape), np.empty(len(phi))
+        for first in range(0, len(phi), POINTS_AT_ONCE):
+            some = slice(first, first + POINTS_AT_ONCE)
+            theta[some], jacobian[some] = self._of_points(phi[some])
+        return theta, jacobian
+
+    def _of_points(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = phi * self.scales
         if not np.isfinite(self.bounds).any():
             return x, np.full(len(phi), np.log(self.scales).sum())

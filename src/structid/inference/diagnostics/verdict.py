@@ -148,7 +148,7 @@ def unrest(
     log_density: Float[np.ndarray, "step ensemble walker"],
 ) -> list[str]:
     """Sentence about particles from the prior that have not reached equilibrium."""
-    moving = still_moving(np.concatenate([draws, log_density[..., None]], axis=-1))
+    moving = still_moving(draws, log_density)
     if not moving:
         return []
     index, errors = max(moving.items(), key=lambda item: abs(item[1]))

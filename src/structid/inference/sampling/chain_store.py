@@ -6,12 +6,15 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.core.hashing import digest
+from structid.core.hashing import Pieces, digest
 from structid.core.journal import Journal, compare_identity, opened_hdf5
+
+if TYPE_CHECKING:
+    import h5py
 
 SCHEMA = 5
 """Version of the file layout and of the sampler moves that continue a stored chain."""
@@ -67,17 +70,27 @@ class ChainStore:
         if any(True for _ in self._journal):
             temporary = self.path.with_name(self.path.name + ".partial")
             with h5py.File(temporary, "w") as file:
-                arrays = {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
-                arrays["block_steps"] = np.array([len(next(iter(b.values()))) for b in blocks])
+                arrays = {name: Pieces([b[name] for b in blocks]) for name in blocks[0]}
+                steps = np.array([len(next(iter(b.values()))) for b in blocks])
+                arrays["block_steps"] = Pieces([steps])
                 file.attrs["identity"] = json.dumps(self.identity, sort_keys=True)
                 file.attrs["checksum"] = _checksum(file.attrs["identity"], arrays)
                 for name, array in arrays.items():
-                    file.create_dataset(name, data=array, compression="gzip", compression_opts=1)
+                    _write_pieces(file, name, array)
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
             temporary.replace(self.path)
         self._journal.path.unlink(missing_ok=True)
 
 
-def _checksum(identity: str, arrays: Mapping[str, np.ndarray]) -> str:
+def _write_pieces(file: h5py.File, name: str, array: Pieces) -> None:
+    """Write an array piece by piece: joining them would need as much memory once more."""
+    dataset = file.create_dataset(name, array.shape, array.dtype, compression="gzip", compression_opts=1)
+    first = 0
+    for piece in array.arrays:
+        dataset[first : first + len(piece)] = piece
+        first += len(piece)
+
+
+def _checksum(identity: str, arrays: Mapping[str, np.ndarray | Pieces]) -> str:
     return digest(identity, *(part for name in sorted(arrays) for part in (name, arrays[name])))

@@ -11,18 +11,21 @@ MOVED_BY = 5.0
 """Largest change of a mean that counts as equilibrium, in standard errors, when dozens of quantities are tested."""
 
 
-def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) -> dict[int, float]:
+def still_moving(
+    draws: Float[np.ndarray, "step population particle quantity"],
+    log_density: Float[np.ndarray, "step population particle"] | None = None,
+) -> dict[int, float]:
     """Quantities whose mean changes from the first half of the moves to the second.
 
     Every particle is compared with itself, so that a common drift much smaller than the spread is detected. Ranks are compared,
-    so that outliers do not dominate.
+    so that outliers do not dominate. The log density, if given, is the last quantity.
     """
     half = len(draws) // 2
     if half == 0:
         return {}
     moving = {}
-    for index in range(draws.shape[-1]):
-        places = ranks(draws[..., index])
+    for index, quantity in enumerate([*np.moveaxis(draws, -1, 0), *([] if log_density is None else [log_density])]):
+        places = ranks(quantity)
         change = places[-half:].mean(axis=0) - places[:half].mean(axis=0)
         # Copies of a particle depend on each other; populations are independent.
         variance = max(

@@ -250,7 +250,7 @@ class SMC(Sampler):
         evidence = replace(
             _fullest(temperings)[1],
             smallest_basin=3.0 / (self.scouts * self.ensembles * self.particles) if self.scouts else float("nan"),
-            at_rest=not still_moving(np.concatenate([kept["phi"], kept["log_density"][..., None]], axis=-1)),
+            at_rest=not still_moving(kept["phi"], kept["log_density"]),
         )
         failed = int(sum(b["failed"].sum() for b in blocks))
         return Drawn(kept["phi"], kept["log_density"], kept["accepted"], failed, evidence)
