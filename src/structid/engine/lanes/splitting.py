@@ -113,14 +113,17 @@ def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.nd
     compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:
-        parts, first = [], 0
+        results, first = np.empty((0, 0)), 0
         while first < len(theta):
             left = len(theta) - first
             size = next((size for size in AT_ONCE if size >= left), AT_ONCE[-1])
             rows = theta[first : first + size]
             padded = np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
-            parts.append(np.asarray(compiled(padded))[:, : len(rows)])
+            part = np.asarray(compiled(padded))[:, : len(rows)]
+            if first == 0:
+                results = np.empty((len(part), len(theta)))
+            results[:, first : first + size] = part
             first += size
-        return np.concatenate(parts, axis=1)
+        return results
 
     return of_rows
