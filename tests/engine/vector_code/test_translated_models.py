@@ -12,6 +12,7 @@ from structid.engine.lanes import machine
 from structid.engine.lanes.in_lanes import InLanes
 from structid.engine.vector_code.translation import LONGEST_UNROLLED
 from structid.models.hysteretic.bouc_wen import CHANNELS
+from structid.models.hysteretic.hysteretic import CHANNELS as LAW_CHANNELS
 from structid.models.hysteretic.shear_frame import STOREY_CHANNELS
 from structid.models.masonry.equations.wall_channels import CHANNELS as WALL_CHANNELS
 from structid.models.traceable import TraceableModel
@@ -93,6 +94,14 @@ def test_every_law(law):
         **PLAIN | LAWS[law] | {"stiffness": None}, free=("stiffness",), channels=("displacement", "restoring_force")
     )
     compared(model, GROUND, RNG.uniform(7e6, 8e6, (5, 1)))
+
+
+@pytest.mark.parametrize("excitation", EXCITATIONS)
+def test_every_channel_of_a_hysteretic_law(excitation):
+    channels = [c for c in LAW_CHANNELS if excitation != "displacement" or c not in ACCELERATIONS]
+    law = {"yield_force": 4e4, "sharpness": 1.2, "peak_damage": 0.05}
+    model = si.Hysteretic("masing", law, mass=12e3, damping_ratio=0.03, free=("stiffness",), channels=channels)
+    compared(model, EXCITATIONS[excitation], RNG.uniform(7e6, 8e6, (5, 1)), agree=1e-9)
 
 
 def test_everything_free():
@@ -290,7 +299,8 @@ def test_the_whole_of_a_hybrid_test(coupling):
 
 def test_no_model_is_forgotten():
     tried = {
-        *("BoucWen", "MasonryWall", "ShearFrame", "DriftingModel", "ImposedDisplacements", "VirtualHybridTest"),
+        *("BoucWen", "Hysteretic", "MasonryWall", "ShearFrame", "DriftingModel"),
+        *("ImposedDisplacements", "VirtualHybridTest"),
         *("ParametricNARX", "NARXBesideKriging", "ResponseSpaceSurrogate"),
     }
     assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried

@@ -5,7 +5,6 @@ import pytest
 
 import structid as si
 from structid.core.errors import InputError, StoreMismatchError
-from structid.inference.sampling.base import joined
 from structid.inference.target import LogDensity
 from targets import banana, gaussian
 
@@ -58,14 +57,3 @@ def test_a_run_that_cannot_begin_leaves_nothing(tmp_path):
     with pytest.raises(InputError):
         si.sample(gaussian(), si.AIES(walkers=8, steps=10), seed=1, store=tmp_path / "a.h5")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_slices_of_one_array_are_joined_without_a_copy_and_others_with_one():
-    whole, flat = np.arange(40.0).reshape(10, 4).copy(), np.arange(12.0)
-    slices = [{"x": whole[2:5]}, {"x": whole[5:9]}]
-    together = joined(slices, 6)["x"]
-    assert np.shares_memory(together, whole)
-    np.testing.assert_array_equal(together, whole[2:8])
-    # Not consecutive, of another shape, and of another memory
-    for parts in ([whole[5:9], whole[2:5]], [flat.reshape(3, 4)], [whole[:2], whole[2:4].copy()], [whole[:, 1:]]):
-        np.testing.assert_array_equal(joined([{"x": part} for part in parts], 99)["x"], np.concatenate(parts))
