@@ -27,6 +27,7 @@ TOPICS = {
     "histories": "Runs of a model",
     "surrogates": "Surrogates",
     "inference": "Posterior, error models, samplers, checks",
+    "law_choice": "Cyclic tests and the choice of a hysteretic law",
     "calibration": "Certified calibration",
     "certification": "Certified calibration",
     "reliability": "First passages and fragility",

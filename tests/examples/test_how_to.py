@@ -17,6 +17,10 @@ SMALLER = {
     "wall": {"sample(2000": "sample(30", "width=5.0": "width=4.9", 'animate("wall.gif")': 'animate("wall.gif", 4)'},
     "hybrid_test": {"trim(4.0, 9.0)": "trim(4.0, 5.0)"},
     "certify_draws": {},
+    "cyclic_test": {
+        "choice = si.choose_model(test)  # all laws\n": "",
+        '["bilinear", "masing", "pivot"]': '["bilinear", "masing"]',
+    },
 }
 """Numbers of each page that are made smaller; a page that is not here is an executed notebook, or has no Python."""
 

@@ -29,6 +29,7 @@ class LawParameter(NamedTuple):
     prior: Marginal
     default: float | None  # value of a parameter that is not given; None for a parameter without which there is no law
     neutral: float | None  # value at which the parameter has no effect; None if there is none
+    mechanism: str = ""  # what a test shows if the parameter is not neutral, such as "pinching"
 
 
 def parameter(
@@ -40,9 +41,10 @@ def parameter(
     high: float = np.inf,
     default: float | None = None,
     neutral: float | None = None,
+    mechanism: str = "",
 ) -> Any:
     """Declare a field of a law as a parameter."""
-    described = LawParameter(meaning, unit, low, high, prior, default, neutral)
+    described = LawParameter(meaning, unit, low, high, prior, default, neutral, mechanism)
     return dataclasses.field(default=default, metadata={"parameter": described})
 
 

@@ -31,10 +31,19 @@ class Bilinear(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
-        "stiffness after yielding, relative to the initial stiffness, b", HARDENING, high=1.0, default=0.0, neutral=0.0
+        "stiffness after yielding, relative to the initial stiffness, b",
+        HARDENING,
+        high=1.0,
+        default=0.0,
+        neutral=0.0,
+        mechanism="hardening",
     )
     asymmetry: Any = parameter(
-        "negative yield force, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative yield force, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

@@ -54,20 +54,41 @@ class BoucWenLaw(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y of the undamaged law", around(0.8, 2.5), "N")
     hardening: Any = parameter(
-        "final stiffness, relative to the initial stiffness, α", HARDENING, high=1.0, default=0.0, neutral=0.0
+        "final stiffness, relative to the initial stiffness, α",
+        HARDENING,
+        high=1.0,
+        default=0.0,
+        neutral=0.0,
+        mechanism="hardening",
     )
     exponent: Any = parameter(
         "sharpness n of the yielding", around(1.0, 3.0, low=0.2, high=20.0), low=0.2, high=20.0, default=1.0
     )
     gamma_ratio: Any = parameter("shape of unloading, γ/β", between(-0.9, 0.9), low=-1.0, high=10.0, default=1.0)
-    delta_nu: Any = parameter("loss of strength per absorbed energy F_y u_y, δ_ν", up_to(0.3), default=0.0, neutral=0.0)
+    delta_nu: Any = parameter(
+        "loss of strength per absorbed energy F_y u_y, δ_ν",
+        up_to(0.3),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the energy",
+    )
     delta_eta: Any = parameter(
-        "loss of stiffness per absorbed energy F_y u_y, δ_η", up_to(0.3), default=0.0, neutral=0.0
+        "loss of stiffness per absorbed energy F_y u_y, δ_η",
+        up_to(0.3),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of stiffness with the energy",
     )
     asymmetry: Any = parameter(
-        "negative strength, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative strength, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
-    zeta0: Any = parameter("largest share of pinching, ζ₀", between(0.0, 0.97), high=0.999, default=0.0, neutral=0.0)
+    zeta0: Any = parameter(
+        "largest share of pinching, ζ₀", between(0.0, 0.97), high=0.999, default=0.0, neutral=0.0, mechanism="pinching"
+    )
     p: Any = parameter("rate of pinching per absorbed energy F_y u_y, p", around(0.3, 10.0), default=1.0)
     q: Any = parameter(
         "force at which the pinching is largest, relative to the strength, q",

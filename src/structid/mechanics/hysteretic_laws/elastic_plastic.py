@@ -27,7 +27,11 @@ class ElasticPlastic(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     asymmetry: Any = parameter(
-        "negative yield force, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative yield force, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

@@ -46,7 +46,12 @@ class GiuffreMenegottoPinto(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
-        "stiffness after yielding, relative to the initial stiffness, b", HARDENING, high=0.99, default=0.0, neutral=0.0
+        "stiffness after yielding, relative to the initial stiffness, b",
+        HARDENING,
+        high=0.99,
+        default=0.0,
+        neutral=0.0,
+        mechanism="hardening",
     )
     transition: Any = parameter("sharpness R_0 of the first bend", around(10.0, 2.0), low=1.0, default=20.0)
     transition_loss: Any = parameter(
@@ -54,7 +59,12 @@ class GiuffreMenegottoPinto(HystereticLaw):
     )
     transition_scale: Any = parameter("scale of that loss, c_2", around(0.15, 2.0), default=0.15)
     isotropic_hardening: Any = parameter(
-        "shift of the yield lines with the plastic excursion, a", near_zero(0.1), low=-1.0, default=0.0, neutral=0.0
+        "shift of the yield lines with the plastic excursion, a",
+        near_zero(0.1),
+        low=-1.0,
+        default=0.0,
+        neutral=0.0,
+        mechanism="isotropic hardening or softening",
     )
 
     def initial_stiffness(self) -> Any:

@@ -61,16 +61,42 @@ class IbarraPeakOriented(HystereticLaw):
     ultimate_displacement: Any = parameter(
         "deformation at which the spring breaks", around(5.0, 2.0, low=1.0), "m", default=np.inf, neutral=np.inf
     )
-    strength_deterioration: Any = parameter("rate of the loss of strength, δ_S", up_to(0.1), default=0.0, neutral=0.0)
-    capping_deterioration: Any = parameter("rate of the loss after capping, δ_C", up_to(0.1), default=0.0, neutral=0.0)
+    strength_deterioration: Any = parameter(
+        "rate of the loss of strength, δ_S",
+        up_to(0.1),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the energy",
+    )
+    capping_deterioration: Any = parameter(
+        "rate of the loss after capping, δ_C",
+        up_to(0.1),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of capping strength with the energy",
+    )
     reloading_deterioration: Any = parameter(
-        "rate of the accelerated reloading, δ_A", up_to(0.1), default=0.0, neutral=0.0
+        "rate of the accelerated reloading, δ_A",
+        up_to(0.1),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of reloading stiffness with the energy",
     )
     unloading_deterioration: Any = parameter(
-        "rate of the loss of unloading stiffness, δ_K", up_to(0.1), default=0.0, neutral=0.0
+        "rate of the loss of unloading stiffness, δ_K",
+        up_to(0.1),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of unloading stiffness with the energy",
     )
     deterioration_exponent: Any = parameter("exponent c of the rates", around(1.0, 1.3, low=0.5, high=2.0), default=1.0)
-    asymmetry: Any = parameter("negative forces, relative to the positive ones, ρ", ASYMMETRY, default=1.0, neutral=1.0)
+    asymmetry: Any = parameter(
+        "negative forces, relative to the positive ones, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
+    )
 
     def initial_stiffness(self) -> Any:
         """Return k; see `HystereticLaw.initial_stiffness`."""

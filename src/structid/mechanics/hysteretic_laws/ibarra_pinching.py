@@ -34,7 +34,12 @@ class IbarraPinching(IbarraPeakOriented):
     opensees: ClassVar[str] = "IMKPinching: as IMKPeakOriented, then pinching_force, pinching_displacement"
 
     pinching_force: Any = parameter(
-        "force of the pinching point, relative to the line to the peak, κ_F", between(0.0, 1.0), high=1.0, default=1.0
+        "force of the pinching point, relative to the line to the peak, κ_F",
+        between(0.0, 1.0),
+        high=1.0,
+        default=1.0,
+        neutral=1.0,
+        mechanism="pinching",
     )
     pinching_displacement: Any = parameter(
         "distance of the pinching point from the end of unloading, κ_D", between(0.0, 1.0), high=1.0, default=0.0

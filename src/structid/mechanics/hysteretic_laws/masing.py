@@ -108,12 +108,26 @@ class Masing(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS_OF_BACKBONE, "N/m")
     yield_force: Any = parameter("strength F_y of the undamaged backbone", STRENGTH_OF_BACKBONE, "N")
     sharpness: Any = parameter("sharpness N of the backbone's bend", SHARPNESS, low=0.2, high=30.0)
-    peak_damage: Any = parameter("loss of strength per peak ductility, δ_u", PEAK_DAMAGE, default=0.0, neutral=0.0)
+    peak_damage: Any = parameter(
+        "loss of strength per peak ductility, δ_u",
+        PEAK_DAMAGE,
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the peaks",
+    )
     energy_damage: Any = parameter(
-        "loss of strength per dissipated energy F_y u_y, δ_E", ENERGY_DAMAGE, default=0.0, neutral=0.0
+        "loss of strength per dissipated energy F_y u_y, δ_E",
+        ENERGY_DAMAGE,
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the dissipated energy",
     )
     asymmetry: Any = parameter(
-        "negative strength, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative strength, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

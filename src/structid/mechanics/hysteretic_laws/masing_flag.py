@@ -66,7 +66,9 @@ class MasingFlag(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS_OF_BACKBONE, "N/m")
     yield_force: Any = parameter("strength F_y of the undamaged backbone", STRENGTH_OF_BACKBONE, "N")
     sharpness: Any = parameter("sharpness N of the backbone's bend", SHARPNESS, low=0.2, high=30.0)
-    flag_share: Any = parameter("share w of the flag in the strength", between(0.0, 1.0), high=1.0)
+    flag_share: Any = parameter(
+        "share w of the flag in the strength", between(0.0, 1.0), high=1.0, neutral=0.0, mechanism="pinching"
+    )
     flag_return: Any = parameter(
         "unloading force of the flag, relative to its loading force, λ", between(0.0, 1.0), high=1.0
     )
@@ -79,21 +81,35 @@ class MasingFlag(HystereticLaw):
         "m",
         default=np.inf,
         neutral=np.inf,
+        mechanism="loss of pinched strength with the peaks",
     )
     peak_damage: Any = parameter(
-        "loss of strength of the Masing part per peak ductility, δ_u", PEAK_DAMAGE, default=0.0, neutral=0.0
+        "loss of strength of the Masing part per peak ductility, δ_u",
+        PEAK_DAMAGE,
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the peaks",
     )
     energy_damage: Any = parameter(
         "loss of strength of the Masing part per dissipated energy F_y u_y, δ_E",
         ENERGY_DAMAGE,
         default=0.0,
         neutral=0.0,
+        mechanism="loss of strength with the dissipated energy",
     )
     flag_damage: Any = parameter(
-        "loss of strength of the flag per absorbed energy F_y u_y, δ_F", ENERGY_DAMAGE, default=0.0, neutral=0.0
+        "loss of strength of the flag per absorbed energy F_y u_y, δ_F",
+        ENERGY_DAMAGE,
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of pinched strength with the energy",
     )
     asymmetry: Any = parameter(
-        "negative strength, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative strength, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

@@ -36,14 +36,28 @@ class Pivot(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
-        "stiffness after yielding, relative to the initial stiffness, r", HARDENING, high=1.0, default=0.0, neutral=0.0
+        "stiffness after yielding, relative to the initial stiffness, r",
+        HARDENING,
+        high=1.0,
+        default=0.0,
+        neutral=0.0,
+        mechanism="hardening",
     )
     primary: Any = parameter("force of the primary pivot, relative to F_y, α", around(5.0, 5.0), default=10.0)
     pinching: Any = parameter(
-        "force of the pinching pivot, relative to F_y, β", between(0.0, 1.0), high=1.0, default=1.0
+        "force of the pinching pivot, relative to F_y, β",
+        between(0.0, 1.0),
+        high=1.0,
+        default=1.0,
+        neutral=1.0,
+        mechanism="pinching",
     )
     asymmetry: Any = parameter(
-        "negative yield force, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative yield force, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

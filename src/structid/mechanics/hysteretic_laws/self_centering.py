@@ -40,10 +40,15 @@ class SelfCentering(HystereticLaw):
         high=1.0,
         default=0.0,
         neutral=0.0,
+        mechanism="hardening",
     )
     flag_height: Any = parameter("height of the flag, relative to the activation force, β", between(0.0, 1.0), high=1.0)
     asymmetry: Any = parameter(
-        "negative activation force, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative activation force, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
 
     def initial_stiffness(self) -> Any:

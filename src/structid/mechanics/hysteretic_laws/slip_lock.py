@@ -36,7 +36,7 @@ class SlipLock(HystereticLaw):
     title: ClassVar[str] = "smooth hysteretic law with slip–lock"
     use: ClassVar[str] = "timber connections and joints with slip, pinched reinforced concrete"
     source: ClassVar[str] = "Sivaselvan & Reinhorn (2000); Baber & Noori (1985); Foliente (1995)"
-    accurate_move: ClassVar[float] = 0.01
+    accurate_move: ClassVar[float] = 0.02
     dissipative: ClassVar[bool] = False
     example: ClassVar[dict[str, float]] = {
         "stiffness": 10.0,
@@ -52,7 +52,12 @@ class SlipLock(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y of the undamaged law", around(0.8, 2.5), "N")
     hardening: Any = parameter(
-        "final stiffness, relative to the initial stiffness, a", HARDENING, high=1.0, default=0.0, neutral=0.0
+        "final stiffness, relative to the initial stiffness, a",
+        HARDENING,
+        high=1.0,
+        default=0.0,
+        neutral=0.0,
+        mechanism="hardening",
     )
     exponent: Any = parameter(
         "sharpness n of the yielding", around(1.0, 3.0, low=0.2, high=20.0), low=0.2, high=20.0, default=2.0
@@ -60,12 +65,26 @@ class SlipLock(HystereticLaw):
     unloading: Any = parameter(
         "shape of unloading, g; 0 is straight", between(-0.9, 0.9), low=-1.0, high=1.0, default=0.0
     )
-    pivot: Any = parameter("distance of the pivot, relative to z_y0, a_p", around(5.0, 10.0), default=1e9, neutral=1e9)
+    pivot: Any = parameter(
+        "distance of the pivot, relative to z_y0, a_p",
+        around(5.0, 10.0),
+        default=1e9,
+        neutral=1e9,
+        mechanism="loss of stiffness with the displacement",
+    )
     energy_damage: Any = parameter(
-        "loss of strength per absorbed energy F_y u_y, δ_E", up_to(0.3), default=0.0, neutral=0.0
+        "loss of strength per absorbed energy F_y u_y, δ_E",
+        up_to(0.3),
+        default=0.0,
+        neutral=0.0,
+        mechanism="loss of strength with the energy",
     )
     asymmetry: Any = parameter(
-        "negative strength, relative to the positive one, ρ", ASYMMETRY, default=1.0, neutral=1.0
+        "negative strength, relative to the positive one, ρ",
+        ASYMMETRY,
+        default=1.0,
+        neutral=1.0,
+        mechanism="asymmetric strength",
     )
     slip: Any = parameter(
         "length of the slip, relative to the range of the deformations, R_s",
@@ -73,9 +92,14 @@ class SlipLock(HystereticLaw):
         high=0.95,
         default=0.0,
         neutral=0.0,
+        mechanism="slip",
     )
     slip_growth: Any = parameter(
-        "growth of the slip per absorbed energy F_y u_y, relative to u_y, s_E", up_to(0.05), default=0.0, neutral=0.0
+        "growth of the slip per absorbed energy F_y u_y, relative to u_y, s_E",
+        up_to(0.05),
+        default=0.0,
+        neutral=0.0,
+        mechanism="slip that grows with the energy",
     )
     slip_width: Any = parameter(
         "width of the slip, relative to the strength, σ", around(0.2, 3.0, low=0.02), low=SMALLEST_WIDTH, default=0.2

@@ -43,7 +43,12 @@ class VoceChaboche(HystereticLaw):
     stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("first yield force F_y", around(0.6, 2.0), "N")
     isotropic_hardening: Any = parameter(
-        "growth of the yield force, relative to the first one, q", near_zero(0.5), low=-0.9, default=0.0, neutral=0.0
+        "growth of the yield force, relative to the first one, q",
+        near_zero(0.5),
+        low=-0.9,
+        default=0.0,
+        neutral=0.0,
+        mechanism="isotropic hardening or softening",
     )
     isotropic_rate: Any = parameter("rate of that growth per yield displacement, b", around(0.02, 10.0), default=0.0)
     kinematic_stiffness: Any = parameter(
@@ -51,6 +56,7 @@ class VoceChaboche(HystereticLaw):
         around(0.1, 5.0),
         default=0.0,
         neutral=0.0,
+        mechanism="kinematic hardening",
     )
     kinematic_rate: Any = parameter(
         "rate of the first backstress per yield displacement, γ", around(0.1, 10.0), default=0.0

@@ -1,0 +1,1 @@
+"""Choice of the hysteretic law of a specimen from its cyclic test."""

@@ -1,0 +1,95 @@
+"""The choice of a law: fits from many starts, evidence beside long tempering runs, the right law of virtual tests."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from law_paths import path_between
+from structid.inference.error_models.independent import IID
+from structid.inference.error_models.kernels import AR1
+from structid.law_choice.law_fit import refine_law, search_law, without_mechanism
+from structid.mechanics.hysteretic_laws.law_list import law_of
+from structid.optimize.many_starts import minima_from_many_starts
+
+ENDS = 1e-3 * np.array([2, -2, 4, -4, 4, -4, 8, -8, 8, -8, 12, -12, 12, -12, 16, -16, 16, -16])
+PATH = path_between(ENDS, 24)
+NOISE = 0.02
+
+
+def virtual(word, seed=0, correlation=0.0, **values):
+    """A test of a specimen that is a law, with noise of 2 % of the largest force."""
+    common = {"stiffness": "20 kN/mm", "yield_force": "60 kN"}
+    model = si.Hysteretic(word, common | values, force_offset=2e3)
+    force = model.simulate(np.zeros((1, 0)), si.DisplacementHistory(PATH, 1.0)).values[0, :, 0]
+    noise = np.random.default_rng(seed).normal(size=len(PATH)) * NOISE * np.abs(force).max()
+    for k in range(1, len(noise)):
+        noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
+    return si.CyclicTest(PATH, force + noise, word)
+
+
+def test_the_lowest_of_many_minima_is_found():
+    """Residuals with minima near every second number from 0.5 on; the one at 0.5 is the lowest."""
+
+    def residuals(x):
+        well = 1.2 - np.cos(np.pi * (x[:, :1] - 0.5)) + 0.1 * (x[:, :1] - 0.5) ** 2
+        return np.concatenate([well, 0.5 * (x[:, 1:] - 1.0)] * 40, axis=1)
+
+    minima = minima_from_many_starts(residuals, 2, np.random.default_rng(1))
+    assert minima[0].x == pytest.approx([0.5, 1.0], abs=0.05)
+    assert minima[-1].value >= minima[0].value
+    assert minima[0].mean_square == pytest.approx(0.5 * 0.2**2, rel=0.05)
+
+
+def test_laplace_is_the_evidence_of_a_linear_model():
+    """With two linear parameters the residual variance is the only approximation: Schwarz' rule for it."""
+    test = linear_test()
+    fit = refine_law(test, law_of("test", "linear"), search_law(test, law_of("test", "linear"), 1), IID())
+    tempered = fit.sampled(1)
+    assert abs(fit.log_evidence - tempered.log_evidence.value) < 8.0
+    assert fit.best[0] == pytest.approx(20e6, rel=0.01)
+
+
+def linear_test():
+    """A test of an elastic specimen."""
+    force = 20e6 * PATH + 2e3
+    noise = np.random.default_rng(0).normal(size=len(PATH)) * NOISE * np.abs(force).max()
+    return si.CyclicTest(PATH, force + noise)
+
+
+def test_errors_with_a_correlation_are_recognised():
+    law = law_of("test", "bilinear")
+    test = virtual("bilinear", hardening=0.05, correlation=0.7)
+    minima = search_law(test, law, 1)
+    independent, correlated = (refine_law(test, law, minima, errors) for errors in (IID(), AR1(white=0.0)))
+    assert correlated.correlation == pytest.approx(0.7, abs=0.12)
+    assert correlated.log_evidence > independent.log_evidence + 50.0
+
+
+def test_a_mechanism_is_found_where_it_is_and_not_where_it_is_not():
+    law = law_of("test", "bilinear")
+    for hardening, shown in ((0.05, True), (0.0, False)):
+        test = virtual("bilinear", hardening=hardening)
+        fit = refine_law(test, law, search_law(test, law, 1), IID())
+        gain = fit.log_evidence - without_mechanism(fit, "hardening").log_evidence
+        assert (gain > 5.0) == shown
+
+
+@pytest.mark.parametrize(
+    ("word", "values", "allowed"),
+    [
+        ("bilinear", {"hardening": 0.05}, {"bilinear"}),
+        ("self_centering", {"hardening": 0.03, "flag_height": 0.7}, {"self_centering"}),
+        ("pivot", {"hardening": 0.02, "primary": 4.0, "pinching": 0.4}, {"pivot"}),
+        ("masing", {"sharpness": 1.2, "energy_damage": 0.02}, {"masing", "masing_flag"}),
+    ],
+)
+def test_the_right_law_is_chosen(word, values, allowed):
+    test = virtual(word, **values)
+    laws = ("elastic_plastic", "bilinear", "self_centering", "masing", "masing_flag", "pivot")
+    choice = si.choose_model(test, laws, seed=1)
+    assert choice.chosen.law.word in allowed, str(choice)
+    assert choice.least_squares < 2.0 * NOISE**2 / np.var(test.force / test.largest_force)
+    assert choice.result.log_evidence.value == pytest.approx(choice.chosen.fit.log_evidence, abs=10.0)
+    truth = dict(zip(choice.result.names, choice.result.flat.T, strict=True))["stiffness"]
+    assert np.quantile(truth, 0.001) < 20e6 < np.quantile(truth, 0.999)
+    assert choice.sentence.startswith("The test chooses")
