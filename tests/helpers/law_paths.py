@@ -16,7 +16,8 @@ def random_values(law: type[HystereticLaw], runs: int, without: str = "nothing")
     """Draw parameters of many springs from the default priors, for a stiffness of about 10, deformations and forces of about 1."""
     rng = np.random.default_rng(1)
     scale = {"N/m": 10.0, "N": 1.0, "m": 1.0, "": 1.0}
-    values = {n: p.prior.quantile(rng.random(runs)) * scale[p.unit] for n, p in law.parameters().items()}
+    described = {n: p for n, p in law.parameters().items() if p.prior is not None}
+    values = {n: p.prior.quantile(rng.random(runs)) * scale[p.unit] for n, p in described.items()}
     return {name: value for name, value in values.items() if not name.endswith(without)}
 
 

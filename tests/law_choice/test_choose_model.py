@@ -27,6 +27,13 @@ def virtual(word, seed=0, correlation=0.0, **values):
     return si.CyclicTest(PATH, force + noise, word)
 
 
+def fitted(test, law, errors):
+    """A law fitted to a test."""
+    fit = refine_law(test, law, search_law(test, law, 1), errors)
+    assert fit is not None
+    return fit
+
+
 def test_the_lowest_of_many_minima_is_found():
     """Residuals with minima near every second number from 0.5 on; the one at 0.5 is the lowest."""
 
@@ -43,7 +50,7 @@ def test_the_lowest_of_many_minima_is_found():
 def test_laplace_is_the_evidence_of_a_linear_model():
     """With two linear parameters the residual variance is the only approximation: Schwarz' rule for it."""
     test = linear_test()
-    fit = refine_law(test, law_of("test", "linear"), search_law(test, law_of("test", "linear"), 1), IID())
+    fit = fitted(test, law_of("test", "linear"), IID())
     tempered = fit.sampled(1)
     assert abs(fit.log_evidence - tempered.log_evidence.value) < 8.0
     assert fit.best[0] == pytest.approx(20e6, rel=0.01)
@@ -59,8 +66,7 @@ def linear_test():
 def test_errors_with_a_correlation_are_recognised():
     law = law_of("test", "bilinear")
     test = virtual("bilinear", hardening=0.05, correlation=0.7)
-    minima = search_law(test, law, 1)
-    independent, correlated = (refine_law(test, law, minima, errors) for errors in (IID(), AR1(white=0.0)))
+    independent, correlated = (fitted(test, law, errors) for errors in (IID(), AR1(white=0.0)))
     assert correlated.correlation == pytest.approx(0.7, abs=0.12)
     assert correlated.log_evidence > independent.log_evidence + 50.0
 
@@ -69,11 +75,12 @@ def test_a_mechanism_is_found_where_it_is_and_not_where_it_is_not():
     law = law_of("test", "bilinear")
     for hardening, shown in ((0.05, True), (0.0, False)):
         test = virtual("bilinear", hardening=hardening)
-        fit = refine_law(test, law, search_law(test, law, 1), IID())
+        fit = fitted(test, law, IID())
         gain = fit.log_evidence - without_mechanism(fit, "hardening").log_evidence
         assert (gain > 5.0) == shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "values", "allowed"),
     [

@@ -31,10 +31,10 @@ MODES = ("strength", "capping", "reloading", "unloading")
 
 
 def growing_cycles() -> np.ndarray:
-    """A path [m] of growing cycles with inner cycles, to thirteen yield displacements."""
+    """A path [m] of growing cycles with inner cycles, to seven yield displacements."""
     rng = np.random.default_rng(3)
     ends = [0.0]
-    for cycle in range(14):
+    for cycle in range(10):
         amplitude = U_Y * (1.0 + 0.7 * cycle)
         ends += [amplitude * rng.uniform(0.7, 1.0), -amplitude * rng.uniform(0.7, 1.0)]
         if cycle % 3 == 2:

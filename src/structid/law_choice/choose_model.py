@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from structid.core.errors import InputError
+from structid.core.errors import ConvergenceError, InputError
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
 from structid.core.validation import check_arguments
@@ -189,6 +189,8 @@ def choose_model(
     ------
     InputError
         If there is no law, or an error model is of another type.
+    ConvergenceError
+        If the runs of every law fail.
 
     Examples
     --------
@@ -218,11 +220,18 @@ def choose_model(
     for number, (law, minima) in enumerate(kept, start=1):
         of_first = search_law(first, law, seed)
         for errors in error_models:
-            predicted = refine_law(first, law, of_first, errors).force(test)
-            fit = refine_law(test, law, minima, errors)
+            fit, of_the_first = refine_law(test, law, minima, errors), refine_law(first, law, of_first, errors)
+            if fit is None:
+                dropped[law.word] = np.nan
+                continue
+            predicted = np.full(len(test.force), np.nan) if of_the_first is None else of_the_first.force(test)
             candidates.append(LawCandidate(fit, _prediction_error(test, predicted, len(first.force))))
         if progress is not None:
             progress(len(ladder) + round(number * len(ladder) / len(kept)), 2 * len(ladder))
+    if not candidates:
+        raise ConvergenceError(
+            "No law can follow the path of the test: every run fails. Check the test's displacements."
+        )
     chosen = _chosen(candidates)
     return LawChoice(test, tuple(candidates), dropped, chosen, chosen.fit.sampled(seed))
 

@@ -291,9 +291,8 @@ class CyclicTest(ShownAsText):
             "": (1.0, ""),
         }
         described = law.parameters() | {"force_offset": MODEL_PARAMETERS["force_offset"]}
-        return ParameterSpace(
-            {name: scaled(p.prior, *scales[p.unit]) for name, p in described.items() if name not in known}
-        )
+        priors = {name: p for name, p in described.items() if name not in known}
+        return ParameterSpace({n: scaled(p.prior, *scales[p.unit]) for n, p in priors.items() if p.prior is not None})
 
     def unexplained(self, force: Float[np.ndarray, " time"]) -> float:
         """Return the part of the force's variance that a model leaves unexplained, Σ(f − f̂)²/Σ(f − f̄)².

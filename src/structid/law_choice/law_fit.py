@@ -28,7 +28,7 @@ from structid.probability.space import ParameterSpace
 SEARCHED = 600
 """Number of samples at which laws are searched; all turning points are among them."""
 STARTS = {True: 64, False: 24}
-"""Number of searches, for laws with exact moves and for the slower others; they begin at the best of eight times as many draws."""
+"""Number of searches, for fast laws and for the others; they begin at the best of eight times as many draws."""
 REFINED = 4
 """Number of minima of the search that are refined at all samples."""
 REFINED_AGAIN = 2
@@ -37,10 +37,15 @@ NEARBY = 0.3
 """Spread of further starts around a minimum, in standard deviations of the prior."""
 ROUNDS = 3
 """Rounds in which the correlation of the errors and the parameters are estimated in turn."""
-MOST_CORRELATED = 0.9999
-"""Largest correlation of neighbouring errors."""
-SAMPLER = SMC(particles=100, ensembles=2, steps=60, effective_share=0.5, correlation=0.4, scouts=0)
-"""Sampler of the posterior, from a reference density around the best fit."""
+CORRELATIONS = 1e-3, 0.9999
+"""Smallest and largest correlation of neighbouring errors."""
+SAMPLERS = {
+    True: SMC(particles=200, ensembles=2, steps=150, effective_share=0.5, correlation=0.3, scouts=0),
+    False: SMC(particles=100, ensembles=2, steps=60, effective_share=0.5, correlation=0.4, scouts=0),
+}
+"""Samplers of the posterior, for fast laws and for those that divide the moves of a test into many steps."""
+FAST = 0.1
+"""Accurate move from which a law is fast."""
 WIDER = 1.5
 """Factor of the standard deviations of the reference density: a mixture that is wider than the posterior loses no tail."""
 
@@ -116,15 +121,15 @@ class LawFit:
         errors = 2 if self.correlation else 1
         return float(log_likelihood - 0.5 * np.linalg.slogdet(minimum.curvature)[1] - 0.5 * errors * np.log(count))
 
-    def sampled(self, seed: int, sampler: SMC = SAMPLER) -> SamplingResult:
+    def sampled(self, seed: int) -> SamplingResult:
         """Return draws of the posterior, by tempering from a reference density around the best fit."""
-        posterior = self.posterior
+        posterior, sampler = self.posterior, SAMPLERS[self.law.accurate_move >= FAST]
         mode = self._mode()
-        rng = stream(seed, Purpose.SMC_SCOUTS)
+        rng = stream(seed, Purpose.HYSTERETIC_LAW)
         phi = mode.middle + rng.normal(size=(1, sampler.particles, posterior.dimension)) @ mode.factor.T
         density = posterior.evaluate(phi[0])[0][None]
         reference = FromReference(posterior, EnsembleState(phi, density), [mode])
-        return replace(sample(reference, sampler, derived_seed(seed, Purpose.SMC_STAGE)), target=posterior)
+        return replace(sample(reference, sampler, derived_seed(seed, Purpose.HYSTERETIC_LAW)), target=posterior)
 
     def _mode(self) -> Mode:
         """Return the best fit and its spread in the unconstrained coordinates of the posterior."""
@@ -195,15 +200,17 @@ def _relative_sd(correlation: float, gaps: np.ndarray) -> np.ndarray:
 def search_law(test: CyclicTest, law: HystereticLaw, seed: int) -> list[Minimum]:
     """Return the minima for independent errors at some of the samples, the best first."""
     coarse = _Residuals(test.thinned(SEARCHED), law)
-    rng = stream(seed, Purpose.SMC_SCOUTS)
-    starts = STARTS[bool(np.isinf(law.accurate_move))]
+    rng = stream(seed, Purpose.HYSTERETIC_LAW)
+    starts = STARTS[law.accurate_move >= FAST]
     return minima_from_many_starts(coarse, len(coarse.space.names), rng, starts)
 
 
-def refine_law(test: CyclicTest, law: HystereticLaw, minima: list[Minimum], errors: ErrorModel) -> LawFit:
-    """Refine the best minima of a search at all samples, for independent or correlated errors."""
+def refine_law(test: CyclicTest, law: HystereticLaw, minima: list[Minimum], errors: ErrorModel) -> LawFit | None:
+    """Refine the best minima of a search at all samples, for independent or correlated errors; None if every run fails."""
     whole = _Residuals(test, law)
-    best = refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10)
+    best = refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10) if minima else []
+    if not best:
+        return None
     fit = LawFit(law, test, errors, _of_force(best[0], test), 0.0)
     if errors.describe()["kind"] == "iid":
         return fit
@@ -222,7 +229,7 @@ def without_mechanism(fit: LawFit, name: str) -> LawFit:
     residuals = _Residuals(fit.test, law, fit.correlation, (name,))
     kept = [other != name for other in fit.model.free]
     start = fit.minimum.x[kept]
-    nearby = start + NEARBY * stream(0, Purpose.SMC_SCOUTS).normal(size=(REFINED - 1, len(start)))
+    nearby = start + NEARBY * stream(0, Purpose.HYSTERETIC_LAW).normal(size=(REFINED - 1, len(start)))
     best = refined(residuals, np.concatenate([start[None], nearby]), 12)
     return LawFit(law, fit.test, fit.errors, _of_force(best[0], fit.test), fit.correlation, (name,))
 
@@ -231,7 +238,7 @@ def _neighbours(residuals: Float[np.ndarray, " value"], gaps: np.ndarray) -> flo
     """Return the correlation of neighbouring residuals."""
     near = gaps == 1
     first, second = residuals[:-1][near], residuals[1:][near]
-    return float(np.clip(first @ second / np.sqrt((first @ first) * (second @ second)), 0.0, MOST_CORRELATED))
+    return float(np.clip(first @ second / np.sqrt((first @ first) * (second @ second)), *CORRELATIONS))
 
 
 def _of_force(minimum: Minimum, test: CyclicTest) -> Minimum:

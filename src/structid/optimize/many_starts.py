@@ -87,8 +87,9 @@ def _value(
     residuals: Float[np.ndarray, "run value"], x: Float[np.ndarray, "run parameter"]
 ) -> Float[np.ndarray, " run"]:
     """Return n/2 log s² + ½ |x|²; infinite for runs that failed."""
-    squares = np.mean(residuals**2, axis=1)
-    value = 0.5 * residuals.shape[1] * np.log(squares) + 0.5 * (x**2).sum(axis=1)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        squares = np.mean(residuals**2, axis=1)
+        value = 0.5 * residuals.shape[1] * np.log(squares) + 0.5 * (x**2).sum(axis=1)
     return np.where(np.isfinite(value), value, np.inf)
 
 

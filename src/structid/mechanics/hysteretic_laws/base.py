@@ -25,8 +25,8 @@ class LawParameter(NamedTuple):
     low: float  # physically possible values, including both ends
     high: float
     # Default prior, in units of the test: stiffness, force and displacement relative to the initial stiffness, the largest
-    # force and the largest displacement of the test
-    prior: Marginal
+    # force and the largest displacement of the test; None for a parameter that keeps its default unless it is named free
+    prior: Marginal | None
     default: float | None  # value of a parameter that is not given; None for a parameter without which there is no law
     neutral: float | None  # value at which the parameter has no effect; None if there is none
     mechanism: str = ""  # what a test shows if the parameter is not neutral, such as "pinching"
@@ -34,7 +34,7 @@ class LawParameter(NamedTuple):
 
 def parameter(
     meaning: str,
-    prior: Marginal,
+    prior: Marginal | None,
     unit: str = "",
     *,
     low: float = 0.0,

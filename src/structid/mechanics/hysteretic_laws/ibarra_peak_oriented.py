@@ -59,7 +59,7 @@ class IbarraPeakOriented(HystereticLaw):
         "residual force, relative to F_y", up_to(0.6, high=1.0), high=1.0, default=0.0, neutral=0.0
     )
     ultimate_displacement: Any = parameter(
-        "deformation at which the spring breaks", around(5.0, 2.0, low=1.0), "m", default=np.inf, neutral=np.inf
+        "deformation at which the spring breaks", None, "m", default=np.inf, neutral=np.inf
     )
     strength_deterioration: Any = parameter(
         "rate of the loss of strength, δ_S",
@@ -89,7 +89,7 @@ class IbarraPeakOriented(HystereticLaw):
         neutral=0.0,
         mechanism="loss of unloading stiffness with the energy",
     )
-    deterioration_exponent: Any = parameter("exponent c of the rates", around(1.0, 1.3, low=0.5, high=2.0), default=1.0)
+    deterioration_exponent: Any = parameter("exponent c of the rates", None, default=1.0)
     asymmetry: Any = parameter(
         "negative forces, relative to the positive ones, ρ",
         ASYMMETRY,
