@@ -69,7 +69,7 @@ class CyclicTest(ShownAsText):
     >>> u = 0.02 * np.sin(np.linspace(0.0, 12.0, 400)) * np.linspace(0.2, 1.0, 400)
     >>> test = si.CyclicTest(u, 2e6 * u, name="elastic")
     >>> print(test)
-    CyclicTest elastic: 400 samples, 4 half-cycles, ±20.0 mm, ±40.0 kN, initial stiffness 2 kN/mm
+    CyclicTest elastic: 400 samples, 4 half-cycles, ±18.7 mm, ±37.4 kN, initial stiffness 2 kN/mm
     """
 
     displacement: np.ndarray = field(repr=False)
