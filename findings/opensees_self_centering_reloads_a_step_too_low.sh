@@ -13,7 +13,7 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet --disable-pip-version-check "openseespy==3.7.1.2"
+"$folder/venv/bin/pip" install --quiet --disable-pip-version-check "openseespy==3.7.1.2" "openseespylinux==3.7.1.2"
 cat > "$folder/reload.py" <<'PYTHON'
 import openseespy.opensees as ops
 

@@ -33,21 +33,12 @@ error is then below 1 % of the peak. A *passive* law never returns more energy t
 """
 
 
-def _forces(law: HystereticLaw, path: np.ndarray) -> np.ndarray:
-    zero = np.float64(0.0)
-    memory, prepared, forces = law.at_rest(zero), law.prepare(zero), []
-    for deformation in path:
-        memory = law.moved(prepared, memory, np.float64(deformation))
-        forces.append(memory["f"])
-    return np.array(forces)
-
-
 @styled
 def _loop(law: HystereticLaw, file: Path) -> Figure:
     """Draw the loop of the example values."""
     path = np.concatenate([np.linspace(a, b, 200)[1:] for a, b in zip(np.append(0.0, TURNS[:-1]), TURNS, strict=True)])
     figure, axes = canvas(1, 1, height=2.2, width=3.6)
-    axes[0, 0].plot(path, _forces(law, path), color=CYCLE[0], lw=0.9)
+    axes[0, 0].plot(path, law.forces_along(path), color=CYCLE[0], lw=0.9)
     axes[0, 0].set_xlabel("deformation")
     axes[0, 0].set_ylabel("force")
     return finish(figure, "", file)

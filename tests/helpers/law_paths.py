@@ -34,12 +34,7 @@ def path_between(ends: np.ndarray, pieces: int) -> np.ndarray:
 
 def forces_along(law: HystereticLaw, path: np.ndarray) -> np.ndarray:
     """Force of one spring, or of one for each run, at every deformation of a path (time,) or (time, run)."""
-    zero = 0.0 * np.asarray(path[0])
-    memory, prepared, forces = law.at_rest(zero), law.prepare(zero), []
-    for deformation in path:
-        memory = law.moved(prepared, memory, np.asarray(deformation))
-        forces.append(memory["f"])
-    return np.array(forces)
+    return law.forces_along(path)
 
 
 def typical(word: str, **changes: float) -> HystereticLaw:

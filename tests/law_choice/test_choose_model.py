@@ -29,8 +29,7 @@ def virtual(word, seed=0, correlation=0.0, **values):
 
 def fitted(test, law, errors):
     """A law fitted to a test."""
-    fit = refine_law(test, law, search_law(test, law, 1), errors)
-    assert fit is not None
+    [fit] = refine_law(test, law, search_law(test, law, 1), [errors])
     return fit
 
 

@@ -219,12 +219,13 @@ def choose_model(
     candidates = []
     for number, (law, minima) in enumerate(kept, start=1):
         of_first = search_law(first, law, seed)
-        for errors in error_models:
-            fit, of_the_first = refine_law(test, law, minima, errors), refine_law(first, law, of_first, errors)
-            if fit is None:
-                dropped[law.word] = np.nan
-                continue
-            predicted = np.full(len(test.force), np.nan) if of_the_first is None else of_the_first.force(test)
+        fits = refine_law(test, law, minima, error_models)
+        if not fits:
+            dropped[law.word] = np.nan
+            continue
+        of_the_first = refine_law(first, law, of_first, error_models)
+        failed = [np.full(len(test.force), np.nan)] * len(fits)
+        for fit, predicted in zip(fits, [f.force(test) for f in of_the_first] or failed, strict=True):
             candidates.append(LawCandidate(fit, _prediction_error(test, predicted, len(first.force))))
         if progress is not None:
             progress(len(ladder) + round(number * len(ladder) / len(kept)), 2 * len(ladder))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import copy
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -173,6 +174,12 @@ class _Residuals:
         # Only distant samples are divided: that takes fewer steps than as many for every sample.
         self.path, self.rows = test.divided(law.accurate_move)
 
+    def with_correlation(self, correlation: float) -> _Residuals:
+        """Return the same residuals whitened by another correlation; the compiled model serves both."""
+        other = copy.copy(self)
+        other.correlation = correlation
+        return other
+
     def __call__(self, x: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, "run value"]:
         theta = _theta_of(self.space, x)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -205,21 +212,29 @@ def search_law(test: CyclicTest, law: HystereticLaw, seed: int) -> list[Minimum]
     return minima_from_many_starts(coarse, len(coarse.space.names), rng, starts)
 
 
-def refine_law(test: CyclicTest, law: HystereticLaw, minima: list[Minimum], errors: ErrorModel) -> LawFit | None:
-    """Refine the best minima of a search at all samples, for independent or correlated errors; None if every run fails."""
+def refine_law(
+    test: CyclicTest, law: HystereticLaw, minima: list[Minimum], error_models: Sequence[ErrorModel]
+) -> list[LawFit]:
+    """Refine the best minima of a search at all samples, under every error model; an empty list if every run fails."""
     whole = _Residuals(test, law)
     best = refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10) if minima else []
     if not best:
-        return None
-    fit = LawFit(law, test, errors, _of_force(best[0], test), 0.0)
-    if errors.describe()["kind"] == "iid":
-        return fit
+        return []
+    return [
+        LawFit(law, test, errors, _of_force(best[0], test), 0.0)
+        if errors.describe()["kind"] == "iid"
+        else _with_correlated_errors(whole, law, best, errors)
+        for errors in error_models
+    ]
+
+
+def _with_correlated_errors(whole: _Residuals, law: HystereticLaw, best: list[Minimum], errors: ErrorModel) -> LawFit:
+    """Refine minima for independent errors with the correlation of their residuals, in turn."""
+    test, correlation = whole.test, 0.0
     for _ in range(ROUNDS):
-        correlation = _neighbours(whole(fit.minimum.x[None])[0], np.diff(test.rows))
-        whitened = _Residuals(test, law, correlation)
-        best = refined(whitened, np.stack([m.x for m in best[:REFINED_AGAIN]]), 8)
-        fit = LawFit(law, test, errors, _of_force(best[0], test), correlation)
-    return fit
+        correlation = _neighbours(whole(best[0].x[None])[0], np.diff(test.rows))
+        best = refined(whole.with_correlation(correlation), np.stack([m.x for m in best[:REFINED_AGAIN]]), 8)
+    return LawFit(law, test, errors, _of_force(best[0], test), correlation)
 
 
 def without_mechanism(fit: LawFit, name: str) -> LawFit:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import STIFFNESS, up_to
+from structid.mechanics.hysteretic_laws.default_priors import up_to
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,11 +16,7 @@ class Cubic(HystereticLaw):
     use: ClassVar[str] = "a trial"
     example: ClassVar[dict[str, float]] = {"stiffness": 10.0, "stiffening": 0.5}
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     stiffening: Any = parameter("stiffening c", up_to(1.0), "1/m^2", default=0.0, neutral=0.0)
-
-    def initial_stiffness(self) -> Any:
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         return {"d": zero, "f": zero}

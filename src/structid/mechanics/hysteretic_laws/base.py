@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from structid.engine.array_module import namespace
+from structid.mechanics.hysteretic_laws.default_priors import STIFFNESS
 from structid.probability.truncation import Marginal
 
 Memory = dict[str, Any]
@@ -74,6 +75,8 @@ class HystereticLaw(ABC):
     dissipative: ClassVar[bool] = True
     """Whether a closed cycle can never produce energy."""
 
+    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
+
     @classmethod
     def parameters(cls) -> dict[str, LawParameter]:
         """Return the description of every parameter by name."""
@@ -82,10 +85,6 @@ class HystereticLaw(ABC):
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with other values of some parameters."""
         return dataclasses.replace(self, **values)
-
-    @abstractmethod
-    def initial_stiffness(self) -> Any:
-        """Return the stiffness of the first loading [N/m]."""
 
     def prepare(self, zero: Any) -> Any:
         """Return numbers that depend on the parameters only; a loop over time computes them once, before it starts.
@@ -102,14 +101,18 @@ class HystereticLaw(ABC):
     def moved(self, prepared: Any, memory: Memory, deformation: Any) -> Memory:
         """Return the state after a monotonic move to another deformation."""
 
+    def forces_along(self, path: np.ndarray) -> np.ndarray:
+        """Return the force of one spring, or of one for each run, at every deformation of a path (time,) or (time, run)."""
+        zero = 0.0 * np.asarray(path[0])
+        memory, prepared, forces = self.at_rest(zero), self.prepare(zero), []
+        for deformation in path:
+            memory = self.moved(prepared, memory, np.asarray(deformation))
+            forces.append(memory["f"])
+        return np.array(forces)
+
     def longest_move(self) -> Any:
         """Return the length of a move above which the force is wrong [m]; inf for a law without such a length."""
         return np.inf
-
-
-def of_shape(value: Any, like: Any) -> Any:
-    """Return a value broadcast to the shape of an array."""
-    return value + 0.0 * like
 
 
 def clip(value: Any, low: Any, high: Any) -> Any:

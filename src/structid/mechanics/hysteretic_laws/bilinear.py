@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, clip, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STIFFNESS, STRENGTH
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STRENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,6 @@ class Bilinear(HystereticLaw):
     }
     opensees: ClassVar[str] = "Steel01 tag, yield_force, stiffness, hardening"
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
         "stiffness after yielding, relative to the initial stiffness, b",
@@ -45,10 +44,6 @@ class Bilinear(HystereticLaw):
         neutral=1.0,
         mechanism="asymmetric strength",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation, force and the force of the elastic–plastic part; see `HystereticLaw.at_rest`."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import LONGEST_STEP, Law, hysteretic_rate, power
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STIFFNESS, around, between, up_to
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, around, between, up_to
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 
@@ -51,7 +51,6 @@ class BoucWenLaw(HystereticLaw):
     }
     opensees: ClassVar[str] = "BoucWen and BWBN, see the page on models"
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y of the undamaged law", around(0.8, 2.5), "N")
     hardening: Any = parameter(
         "final stiffness, relative to the initial stiffness, α",
@@ -100,10 +99,6 @@ class BoucWenLaw(HystereticLaw):
     psi0: Any = parameter("width of the pinching, relative to u_y, ψ₀", around(0.3, 3.0), default=0.3)
     delta_psi: Any = parameter("growth of that width with the energy, δ_ψ", up_to(0.05), default=0.0, neutral=0.0)
     lambda_: Any = parameter("influence of ζ₁ on the width, λ", around(0.3, 3.0), default=0.3)
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def prepare(self, zero: Any) -> Prepared:
         """Return the law for a mass of 1 kg; see `HystereticLaw.prepare`."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, clip, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, STIFFNESS, STRENGTH
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, STRENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,6 @@ class ElasticPlastic(HystereticLaw):
     }
     opensees: ClassVar[str] = "ElasticPP tag, stiffness, yield displacement"
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     asymmetry: Any = parameter(
         "negative yield force, relative to the positive one, ρ",
@@ -33,10 +32,6 @@ class ElasticPlastic(HystereticLaw):
         neutral=1.0,
         mechanism="asymmetric strength",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation and force; see `HystereticLaw.at_rest`."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import power
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import HARDENING, STIFFNESS, STRENGTH, around, between, near_zero
+from structid.mechanics.hysteretic_laws.default_priors import HARDENING, STRENGTH, around, between, near_zero
 
 SHIFT_EXPONENT = 0.8
 """Exponent of the shift of the yield line with the plastic excursion (Filippou, Popov & Bertero 1983)."""
@@ -43,7 +43,6 @@ class GiuffreMenegottoPinto(HystereticLaw):
         "where a is isotropic_hardening"
     )
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
         "stiffness after yielding, relative to the initial stiffness, b",
@@ -66,10 +65,6 @@ class GiuffreMenegottoPinto(HystereticLaw):
         neutral=0.0,
         mechanism="isotropic hardening or softening",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return the variables of the first curve; see `HystereticLaw.at_rest`."""

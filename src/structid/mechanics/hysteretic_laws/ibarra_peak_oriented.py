@@ -10,7 +10,7 @@ import numpy as np
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import power
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, clip, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, STIFFNESS, STRENGTH, around, up_to
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, STRENGTH, around, up_to
 
 SIDE = ("f_y", "k_p", "d_cap", "f_cap", "d_global", "f_global", "d_local", "f_local")
 """Variables of a side: its backbone, the largest deformation reached, and the last reversal."""
@@ -50,7 +50,6 @@ class IbarraPeakOriented(HystereticLaw):
         "u_y/δ_S, u_y/δ_C, u_y/δ_A, u_y/δ_K, c, c, c, c, 1, 1"
     )
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     capping_displacement: Any = parameter("plastic deformation from yielding to capping, u_p", around(0.5, 4.0), "m")
     capping_ratio: Any = parameter("force at capping, relative to F_y", around(1.2, 1.4, low=1.0), low=1.0, default=1.0)
@@ -97,10 +96,6 @@ class IbarraPeakOriented(HystereticLaw):
         neutral=1.0,
         mechanism="asymmetric strength",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return the backbones of both sides and the variables of the path; see `HystereticLaw.at_rest`."""

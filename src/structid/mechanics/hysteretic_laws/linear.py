@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import STIFFNESS
+from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +20,6 @@ class Linear(HystereticLaw):
         "stiffness": 10.0,
     }
     opensees: ClassVar[str] = "Elastic tag, stiffness"
-
-    stiffness: Any = parameter("stiffness k", STIFFNESS, "N/m")
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation and force; see `HystereticLaw.at_rest`."""

@@ -130,10 +130,6 @@ class Masing(HystereticLaw):
         mechanism="asymmetric strength",
     )
 
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
-
     def prepare(self, zero: Any) -> JenkinsElements:
         """Return the elements; see `HystereticLaw.prepare`."""
         return JenkinsElements.of_backbone(self.sharpness, zero)

@@ -112,10 +112,6 @@ class MasingFlag(HystereticLaw):
         mechanism="asymmetric strength",
     )
 
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
-
     def prepare(self, zero: Any) -> Prepared:
         """Return the elements; see `HystereticLaw.prepare`."""
         per_yield = self.stiffness / self.yield_force

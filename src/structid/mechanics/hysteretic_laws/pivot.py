@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STIFFNESS, STRENGTH, around, between
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STRENGTH, around, between
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,6 @@ class Pivot(HystereticLaw):
         "asymmetry": 0.9,
     }
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y", STRENGTH, "N")
     hardening: Any = parameter(
         "stiffness after yielding, relative to the initial stiffness, r",
@@ -59,10 +58,6 @@ class Pivot(HystereticLaw):
         neutral=1.0,
         mechanism="asymmetric strength",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation, force and, for each side, peak and start of the reloading path; see `HystereticLaw.at_rest`."""

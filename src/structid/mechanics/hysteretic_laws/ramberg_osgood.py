@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import power
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import STIFFNESS, STRENGTH, around
+from structid.mechanics.hysteretic_laws.default_priors import STRENGTH, around
 
 NEWTON_ITERATIONS = 14
 """Iterations for the force; each at least halves the error of a convex equation until it is small, then squares it."""
@@ -35,16 +35,11 @@ class RambergOsgood(HystereticLaw):
         "sharpness": 5.0,
     }
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("reference force F_y", STRENGTH, "N")
     offset: Any = parameter(
         "plastic deformation at the reference force, relative to u_y, η", around(0.5, 4.0), default=1.0
     )
     sharpness: Any = parameter("exponent n", around(5.0, 2.5, low=1.0), low=1.0)
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation, force and reversals; see `HystereticLaw.at_rest`."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, clip, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STIFFNESS, STRENGTH, between
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STRENGTH, between
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,6 @@ class SelfCentering(HystereticLaw):
     }
     opensees: ClassVar[str] = "SelfCentering tag, stiffness, hardening · stiffness, yield_force, flag_height"
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("activation force F_y", STRENGTH, "N")
     hardening: Any = parameter(
         "stiffness after activation, relative to the initial stiffness, b",
@@ -50,10 +49,6 @@ class SelfCentering(HystereticLaw):
         neutral=1.0,
         mechanism="asymmetric strength",
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation and force; see `HystereticLaw.at_rest`."""

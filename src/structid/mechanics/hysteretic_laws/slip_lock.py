@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import LONGEST_STEP, power
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, STIFFNESS, around, between, up_to
+from structid.mechanics.hysteretic_laws.default_priors import ASYMMETRY, HARDENING, around, between, up_to
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 SMALLEST_WIDTH = 0.02
@@ -49,7 +49,6 @@ class SlipLock(HystereticLaw):
         "asymmetry": 0.9,
     }
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("yield force F_y of the undamaged law", around(0.8, 2.5), "N")
     hardening: Any = parameter(
         "final stiffness, relative to the initial stiffness, a",
@@ -111,10 +110,6 @@ class SlipLock(HystereticLaw):
         high=1.0,
         default=0.0,
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return the spring's variables at rest; see `HystereticLaw.at_rest`."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from structid.engine.array_module import namespace
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, Memory, parameter
-from structid.mechanics.hysteretic_laws.default_priors import STIFFNESS, around, near_zero, up_to
+from structid.mechanics.hysteretic_laws.default_priors import around, near_zero, up_to
 
 NEWTON_ITERATIONS = 12
 """Iterations for the plastic deformation of a move. The equation is convex and decreasing, so they approach the root from one
@@ -40,7 +40,6 @@ class VoceChaboche(HystereticLaw):
     }
     opensees: ClassVar[str] = "UVCuniaxial tag, stiffness, F_y, q F_y, b/u_y, 0, 1, 2, c k, γ/u_y, c₂ k, γ₂/u_y"
 
-    stiffness: Any = parameter("initial stiffness k", STIFFNESS, "N/m")
     yield_force: Any = parameter("first yield force F_y", around(0.6, 2.0), "N")
     isotropic_hardening: Any = parameter(
         "growth of the yield force, relative to the first one, q",
@@ -70,10 +69,6 @@ class VoceChaboche(HystereticLaw):
     second_rate: Any = parameter(
         "rate of the second backstress per yield displacement, γ₂", around(0.01, 10.0), default=0.0
     )
-
-    def initial_stiffness(self) -> Any:
-        """Return k; see `HystereticLaw.initial_stiffness`."""
-        return self.stiffness
 
     def at_rest(self, zero: Any) -> Memory:
         """Return deformation, force, backstresses and plastic deformation; see `HystereticLaw.at_rest`."""

@@ -200,14 +200,14 @@ class Hysteretic(TraceableModel):
         law, values = self._values(theta)
         if values["mass"] is None:
             return None
-        return np.broadcast_to(np.sqrt(law.initial_stiffness() / values["mass"]) / (2.0 * np.pi), len(theta))
+        return np.broadcast_to(np.sqrt(law.stiffness / values["mass"]) / (2.0 * np.pi), len(theta))
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
         """Return the yield displacement; see `Model.derived_quantities`."""
         law = self._values(theta)[0]
         if "yield_force" not in law.parameters():
             return {}
-        displacement = np.broadcast_to(law.yield_force / law.initial_stiffness(), len(theta))  # type: ignore[attr-defined]
+        displacement = np.broadcast_to(law.yield_force / law.stiffness, len(theta))  # type: ignore[attr-defined]
         return {"yield displacement": DerivedQuantity(displacement, "mm")}
 
     # --- checks -------------------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ class LawOscillator(SpringMotion):
         if values["damping"] is not None:
             return values["damping"] / self.mass
         ratio = 0.0 if values["damping_ratio"] is None else values["damping_ratio"]
-        return 2.0 * ratio * jnp.sqrt(self.law.initial_stiffness() / self.mass)
+        return 2.0 * ratio * jnp.sqrt(self.law.stiffness / self.mass)
 
     def at_rest(self) -> tuple[State, Any, Any]:
         """Return the spring, displacement and velocity at rest; see `SpringMotion.at_rest`."""
@@ -54,7 +54,7 @@ class LawOscillator(SpringMotion):
 
     def usable(self, state: State, step: float) -> Any:
         """Return the accurate runs; see `SpringMotion.usable`."""
-        omega_squared = 0.0 if self.kind == "displacement" else self.law.initial_stiffness() / self.mass
+        omega_squared = 0.0 if self.kind == "displacement" else self.law.stiffness / self.mass
         followed = short_enough(state["longest"], self.law.longest_move(), omega_squared + self.like, step)
         return followed & all_finite({"force": self.force(state["springs"]), "u": state["u"], "v": state["v"]})
 
