@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.arrays import Array
+from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.sensor_sampling import SensorSampling
 
@@ -76,7 +77,8 @@ class Instrument:
 
     def _of_channels(self, kind: str, unknown: Mapping[str, Any]) -> Any:
         """An unknown parameter of each channel, shape (channel, run)."""
-        return jnp.stack([unknown[parameter_name(kind, channel, self.channels)] for channel in self.channels])
+        each = [unknown[parameter_name(kind, channel, self.channels)] for channel in self.channels]
+        return namespace(each[0]).stack(each)
 
     # --- as a linear combination --------------------------------------------------------------------------------
 

@@ -558,21 +558,21 @@ class Observation:
             priors["time_shift"] = self.time_shift
         return priors
 
-    def transmit(self, response: Any, unknown: Mapping[str, Any], sign: float | None = None) -> Any:
-        """Convert a model response to the predicted reading of the instrument, inside JAX.
+    def transmit(self, response: Any, unknown: Mapping[str, Any], sign: Any = None) -> Any:
+        """Convert a model response to the predicted reading of the instrument, inside JAX or of NumPy arrays.
 
         Parameters
         ----------
-        response : jax.Array, shape (time, channel, run)
+        response : array, shape (time, channel, run)
             The model's response at the samples of the record.
-        unknown : mapping of str to jax.Array (run,)
+        unknown : mapping of str to array, shape (run,)
             Nuisance parameters.
-        sign : float or jax.Array (run,), optional
+        sign : float or array, shape (run,), optional
             Sign of an unknown polarity; by default 1.
 
         Returns
         -------
-        jax.Array, shape (time, channel, run)
+        array, shape (time, channel, run)
             polarity · gain · M(t − time_shift) + offset + drift · t, at the samples of the sensor.
         """
         return self.instrument.transmitted(response, unknown, sign)

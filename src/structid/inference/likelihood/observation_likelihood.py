@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 
 from structid.core.arrays import Array
 from structid.core.errors import InputError, Status
+from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.time_loop import Fold, TimeLoop, once_along_each, side_by_side, sum_of_squares
 from structid.histories import Histories
@@ -117,7 +118,7 @@ class ObservationLikelihood:
         """Channels of a response that the instrument measures."""
         if self.model.channels == self.channels:
             return response
-        return jnp.stack([response[..., index, :] for index in self._places], axis=-2)
+        return namespace(response).stack([response[..., index, :] for index in self._places], axis=-2)
 
     def shown(
         self, response: Float[Array, "time channel run"], theta: Float[Array, "run parameter"]
@@ -132,12 +133,14 @@ class ObservationLikelihood:
         if len(signs) == 1:
             return None
         values = self.weighted(self.observation.values[:, :, None])
-        each = jnp.stack([self._given(response, theta, values, sign) for sign in signs])
+        # Operations of JAX outside a trace would keep a megabyte of compiled code each.
+        numpy = namespace(response)
+        each = numpy.stack([self._given(response, theta, values, sign) for sign in signs])
         # At a variance of zero the densities are not finite, and the sum of squares decides.
         residuals = [self._residual_of_all(response, theta, values, sign) for sign in signs]
-        squares = jnp.stack([(residual**2).sum(axis=(0, 1)) for residual in residuals])
-        better = jnp.where(jnp.isfinite(each).all(axis=0), each, -squares)
-        return jnp.array(signs)[jnp.argmax(better, axis=0)]
+        squares = numpy.stack([(residual**2).sum(axis=(0, 1)) for residual in residuals])
+        better = numpy.where(numpy.isfinite(each).all(axis=0), each, -squares)
+        return numpy.array(signs)[numpy.argmax(better, axis=0)]
 
     def given(
         self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
@@ -176,7 +179,7 @@ class ObservationLikelihood:
     @staticmethod
     def _mean_of_signs(each: Sequence[Any]) -> Any:
         """Log-likelihood from those of the directions, which have equal prior probabilities."""
-        return each[0] if len(each) == 1 else jax.nn.logsumexp(jnp.stack(each), axis=0) - math.log(len(each))
+        return each[0] if len(each) == 1 else namespace(each[0]).logaddexp(*each) - math.log(len(each))
 
     def weighted(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
         """Measured values as the likelihood uses them; see `Measured.values`."""
@@ -210,7 +213,7 @@ class ObservationLikelihood:
         if len(each) == 1:
             return each[0]
         first, second = each
-        return jnp.where((first**2).sum(axis=(0, 1)) <= (second**2).sum(axis=(0, 1)), first, second)
+        return namespace(first).where((first**2).sum(axis=(0, 1)) <= (second**2).sum(axis=(0, 1)), first, second)
 
     def _residual_of_all(self, response: Any, theta: Any, values: Any, sign: float) -> Any:
         response = self.observation.instrument.delayed(response, self.unknowns(theta))

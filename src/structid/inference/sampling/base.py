@@ -244,8 +244,18 @@ def correlation(
 
 
 def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
-    """Concatenate blocks."""
-    return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
+    """Concatenate blocks, without a copy if they are the consecutive parts of one array, as a finished store reads them."""
+    return {name: _whole([b[name] for b in blocks])[:steps] for name in blocks[0]}
+
+
+def _whole(parts: list[np.ndarray]) -> np.ndarray:
+    """Concatenate arrays, or return the array whose consecutive parts they are."""
+    whole = parts[0].base
+    if whole is None or whole.shape != (sum(map(len, parts)), *parts[0].shape[1:]):
+        return np.concatenate(parts)
+    starts = whole.ctypes.data + whole.strides[0] * np.cumsum([0, *map(len, parts[:-1])])
+    is_consecutive = [p.base is whole and p.ctypes.data == at for p, at in zip(parts, starts, strict=True)]
+    return whole if all(is_consecutive) else np.concatenate(parts)
 
 
 def block_lengths(steps: int) -> Iterator[int]:

@@ -13,6 +13,7 @@ from structid.core.errors import InputError, check_choice
 from structid.core.hashing import digest
 from structid.core.keys import Fraction, quantity
 from structid.core.validation import check_arguments
+from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.time_loop import TimeLoop
 from structid.ground_motion.excitation import Excitation, check_one_signal
@@ -246,18 +247,16 @@ class ShearFrame(TraceableModel):
     def _values(self, theta: Any) -> dict[str, Any]:
         """Return every parameter by name: a float if fixed and equal in all storeys, else an array (storey, run) or (storey, 1)."""
         column = {name: theta[:, i] for i, name in enumerate(self.free)}
-        values: dict[str, Any] = {}
+        numpy, values = namespace(theta), {}
         for name in STOREY_PARAMETERS:
             value: Any = column.get(name, getattr(self, name))
             if isinstance(value, tuple):
-                value = jnp.array(value)[:, None]
+                value = numpy.array(value)[:, None]
             numbered = [j for j in self._numbers if f"{name}_{j}" in column]
             if numbered:
                 base = 0.0 if value is None else value
-                rows = jnp.broadcast_to(base, (self.storeys, theta.shape[0]))
-                value = rows.at[jnp.array([j - 1 for j in numbered])].set(
-                    jnp.stack([column[f"{name}_{j}"] for j in numbered])
-                )
+                rows = numpy.broadcast_to(base, (self.storeys, theta.shape[0]))
+                value = numpy.stack([column.get(f"{name}_{j}", rows[j - 1]) for j in self._numbers])
             values[name] = value
         if values["gamma"] is None:
             values["gamma"] = values["gamma_ratio"] * values["beta"]
