@@ -32,7 +32,6 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
         import arviz  # noqa: F401
 
 
-
 def pytest_collection_finish():
     """Leave what is imported out of the search for garbage."""
     gc.collect()

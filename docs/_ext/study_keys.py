@@ -1,15 +1,15 @@
 """The reference of study files: the schema says what every key may be, and annotated examples say what it means.
 
-Each file of ``reference/keys`` is one table of a study, or of a programme of hybrid tests. A first comment says what the table
-is for, and every key has a line with a value and a sentence. A key of the schema that has no such line, and a line that the
-schema does not know, stop the building.
+Each file of ``reference/keys`` is one table of a study, of a cyclic test, or of a programme of hybrid tests. A first comment says
+what the table is for, and every key has a line with a value and a sentence. A key of the schema that has no such line, and a line
+that the schema does not know, stop the building.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -19,6 +19,7 @@ from page_file import write_page_file
 from pydantic_core import PydanticUndefined
 
 from structid.core.keys import FileTable
+from structid.study.cyclic_tests.cyclic_test_file import CyclicTestFile
 from structid.study.programmes.programme_file import programme_file
 from structid.study.schema.problems import _tables
 from structid.study.study_reader import study_file
@@ -26,10 +27,14 @@ from structid.study.study_reader import study_file
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-ROOMS = {"study": study_file, "programme": programme_file}
+ROOMS: dict[str, Callable[[], type[FileTable]]] = {
+    "study": study_file,
+    "cyclic_test": lambda: CyclicTestFile,
+    "programme": programme_file,
+}
 """Folders of examples, and the schema of each."""
 
-TITLES = {"study": "A study", "programme": "A programme of hybrid tests"}
+TITLES = {"study": "A study", "cyclic_test": "A cyclic test", "programme": "A programme of hybrid tests"}
 
 PAGE = "reference/names/study_keys.md"
 

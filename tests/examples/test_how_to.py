@@ -19,6 +19,7 @@ SMALLER = {
     "certify_draws": {},
     "cyclic_test": {
         "choice = si.choose_model(test)  # all laws\n": "",
+        'test = si.CyclicTest.read("wall.csv", "mm", "kN", displacement_column=0, force_column=1)\n': "",
         '["bilinear", "masing", "pivot"]': '["bilinear", "masing"]',
     },
 }

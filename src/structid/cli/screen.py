@@ -15,6 +15,7 @@ from structid.core.errors import CampaignStoppedError
 
 if TYPE_CHECKING:
     from structid.inference.sampling_result import SamplingResult
+    from structid.study.cyclic_tests.run_cyclic_test import CyclicOutcome
     from structid.study.run import StudyOutcome
 
 DONE = 0
@@ -153,6 +154,20 @@ def finish(outcome: StudyOutcome) -> None:
             raise CampaignStoppedError("No run has finished. See the reasons with: structid runs DIR --failed")
         return
     _print_posterior(outcome, outcome.result)
+    print_plainly(f"\nReport: {outcome.report.resolve()}")
+    if not outcome.trusted:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def finish_cyclic_test(outcome: CyclicOutcome) -> None:
+    """Print the choice of the law of a cyclic test; exit with `NOT_CONVERGED` if the draws have not converged."""
+    screen.print()
+    for question in outcome.choice.test.questions:
+        print_plainly(f"? {question}", style="bold red")
+    print_plainly(f"{outcome.choice}\n")
+    print_plainly(str(outcome.choice.result.summary()))
+    verdict = outcome.choice.result.verdict()
+    print_plainly(str(verdict), "green" if outcome.trusted and not verdict.doubt else "bold red")
     print_plainly(f"\nReport: {outcome.report.resolve()}")
     if not outcome.trusted:
         raise typer.Exit(NOT_CONVERGED)

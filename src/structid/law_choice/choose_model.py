@@ -2,35 +2,62 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import scipy.special
 from jaxtyping import Float
 
 from structid.core.errors import ConvergenceError, InputError
+from structid.core.hashing import digest
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
 from structid.core.validation import check_arguments
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1
 from structid.inference.sampling_result import SamplingResult
-from structid.law_choice.cyclic_test import CyclicTest
+from structid.law_choice.cyclic_test import FEWEST, CyclicTest
+from structid.law_choice.extrapolation import (
+    FIRST_PART,
+    ORIGINS,
+    TO_ALL,
+    TO_FIRST_PART,
+    CyclicPrediction,
+    LawOnParts,
+    average_prediction,
+    weights_by_prediction,
+)
+from structid.law_choice.fit_store import FitStore
 from structid.law_choice.law_fit import LawFit, refine_law, search_law, without_mechanism
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
+from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.optimize.many_starts import Minimum
 
-FIRST_PART = 0.7
-"""Share of the half-cycles from which the others are predicted."""
 HOPELESS = 6.0
 """Residual variance, relative to the smallest among the laws, above which a law is not fitted with further error models."""
 AS_GOOD = 1.2
 """Prediction error, relative to the smallest among the laws, up to which the evidence decides."""
 DECISIVE = 5.0
 """Log evidence for a mechanism that counts as shown [nat]."""
+ABSENT = -1.0
+"""Log evidence for a mechanism below which it counts as absent [nat]."""
+LITTLE = 0.8
+"""Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
+SMALLEST = 1e-15
+"""Smallest probability of a tail."""
+FITS, DRAWS_OF_LAW = "laws.journal", "chains.h5"
+"""Files of the fitted laws and of the draws."""
+DRAWS = 1000
+"""Number of draws of a predicted force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +68,21 @@ class LawCandidate:
     ----------
     fit : LawFit
         Fit to the whole test.
-    prediction_error : float
-        Root mean square of the error on the last half-cycles, predicted from the first, relative to the largest force.
+    of_first : LawFit or None
+        Fit to the first half-cycles; None if its runs fail.
     """
 
     fit: LawFit = field(repr=False)
-    prediction_error: float
+    of_first: LawFit | None = field(repr=False)
+
+    @cached_property
+    def prediction_error(self) -> float:
+        """Root mean square of the error on the last half-cycles, predicted from the first, relative to the largest force."""
+        if self.of_first is None:
+            return np.inf
+        test, first = self.fit.test, len(self.of_first.test.force)
+        error = float(np.sqrt(np.mean((test.force - self.of_first.force(test))[first:] ** 2)) / test.largest_force)
+        return error if np.isfinite(error) else np.inf
 
     @property
     def law(self) -> HystereticLaw:
@@ -77,10 +113,12 @@ class LawChoice(ShownAsText):
         Laws and error models, those with the fewest parameters first.
     dropped : dict of str to float
         Laws that were given up after the search, with the fraction of the force's variance that they leave unexplained.
-    result : SamplingResult
-        Draws of the posterior of the chosen law.
     chosen : LawCandidate
         The chosen law and error model.
+    result : SamplingResult
+        Draws of the posterior of the chosen law.
+    on_parts : tuple of LawOnParts
+        The laws, with every error model, fitted to parts of the test; predictions are averaged over them.
     """
 
     test: CyclicTest
@@ -88,6 +126,96 @@ class LawChoice(ShownAsText):
     dropped: dict[str, float] = field(repr=False)
     chosen: LawCandidate
     result: SamplingResult = field(repr=False)
+    on_parts: tuple[LawOnParts, ...] = field(repr=False, default=())
+
+    @cached_property
+    def weights(self) -> dict[str, float]:
+        """Weights of the laws in a prediction, by how well they predict later half-cycles of the test from earlier ones."""
+        return self._by_law(weights_by_prediction(self.on_parts, TO_ALL))
+
+    @cached_property
+    def evidence_weights(self) -> dict[str, float]:
+        """Posterior probabilities of the laws, with equal prior probabilities; one law takes nearly all in most tests."""
+        evidence = np.array([law.fits[TO_ALL].log_evidence for law in self.on_parts])
+        weights = np.exp(evidence - evidence.max())
+        return self._by_law(weights / weights.sum())
+
+    def _by_law(self, weights: Float[np.ndarray, " member"]) -> dict[str, float]:
+        total = dict.fromkeys((law.word for law in self.on_parts), 0.0)
+        for law, weight in zip(self.on_parts, weights, strict=True):
+            total[law.word] += float(weight)
+        return total
+
+    def _of_law(self, word: str) -> list[LawCandidate]:
+        return [c for c in self.candidates if c.law.word == word]
+
+    @cached_property
+    def held_out(self) -> CyclicPrediction:
+        """The force of the whole test, predicted from its first half-cycles by the average of the laws."""
+        weights = weights_by_prediction(self.on_parts, TO_FIRST_PART)
+        return average_prediction(self.on_parts, weights, TO_FIRST_PART, self.test, DRAWS, self._rng)
+
+    def predict(self, displacement: Float[np.ndarray, " time"]) -> CyclicPrediction:
+        """Predict the force of the specimen under other displacements, by the average of the laws.
+
+        The band contains the error of the model. It grows with the largest and the cumulative displacement beyond those of the
+        test, as much as in the predictions of later half-cycles of the test from earlier ones.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (time,)
+            Displacements of a specimen without damage [m].
+
+        Returns
+        -------
+        CyclicPrediction
+            Draws of the force, its mean and its band.
+
+        Raises
+        ------
+        ConvergenceError
+            If the runs of a law fail along the path.
+
+        Examples
+        --------
+        >>> prediction = choice.predict(1.5 * test.displacement)  # doctest: +SKIP
+        >>> low, high = prediction.band(0.9)  # doctest: +SKIP
+        """
+        path = self.test.along(displacement)
+        weights = weights_by_prediction(self.on_parts, TO_ALL)
+        return average_prediction(self.on_parts, weights, TO_ALL, path, DRAWS, self._rng)
+
+    def oscillator(
+        self, mass: float, damping_ratio: float = 0.0, channels: tuple[str, ...] = ("displacement",)
+    ) -> Hysteretic:
+        """Return an oscillator whose spring is the specimen with the chosen law.
+
+        Parameters
+        ----------
+        mass : float
+            Mass [kg].
+        damping_ratio : float
+            Viscous damping ratio, in addition to the energy that the law dissipates.
+        channels : tuple of str
+            Recorded channels.
+
+        Returns
+        -------
+        Hysteretic
+            The model; its free parameters are the law's, in the order of `result`.
+
+        Examples
+        --------
+        >>> oscillator = choice.oscillator(12e3, 0.02)  # doctest: +SKIP
+        >>> draws = choice.result.flat[:100, : len(oscillator.free)]  # doctest: +SKIP
+        >>> responses = oscillator.simulate(draws, record)  # doctest: +SKIP
+        """
+        fit = self.chosen.fit
+        return Hysteretic(fit.law, mass=mass, damping_ratio=damping_ratio, free=fit.model.free, channels=channels)
+
+    @property
+    def _rng(self) -> np.random.Generator:
+        return stream(self.result.seed, Purpose.HYSTERETIC_LAW)
 
     @cached_property
     def mechanisms(self) -> dict[str, float]:
@@ -102,11 +230,23 @@ class LawChoice(ShownAsText):
                 gains[described.mechanism] = fit.log_evidence - without_mechanism(fit, name).log_evidence
         return gains
 
+    @cached_property
+    def unidentified(self) -> tuple[str, ...]:
+        """Parameters of the chosen law whose posterior is nearly as wide as their prior."""
+        names, space = self.chosen.fit.model.free, self.test.priors(self.chosen.law)
+        # In coordinates in which every prior is a standard normal distribution
+        scores = scipy.special.ndtri(space.cdf(self.result.flat[:, : len(names)]).clip(SMALLEST, 1.0 - SMALLEST))
+        return tuple(name for name, sd in zip(names, scores.std(axis=0), strict=True) if sd > LITTLE)
+
     @property
     def least_squares(self) -> float:
         """Part of the force's variance that the chosen law leaves unexplained at its least squares."""
-        same = [c.unexplained for c in self.candidates if c.law.word == self.chosen.law.word]
-        return min(same)
+        return self.least_squares_fit.unexplained
+
+    @property
+    def least_squares_fit(self) -> LawCandidate:
+        """The chosen law with the error model that leaves least of the force's variance unexplained."""
+        return min(self._of_law(self.chosen.law.word), key=lambda c: c.unexplained)
 
     @property
     def sentence(self) -> str:
@@ -124,7 +264,7 @@ class LawChoice(ShownAsText):
         ahead = chosen.fit.log_evidence - max(c.fit.log_evidence for c in others if c.law.word == second.law.word)
         relation = "smaller" if ahead > 0.0 else "larger"
         return (
-            f"{text} {self._shown} The best other prediction is by {second.law.word}, with an error of "
+            f"{text} {self._shown} The best other prediction is by the {second.law.title}, with an error of "
             f"{second.prediction_error:.1%}; its log evidence is {abs(ahead):.0f} nats {relation}."
         )
 
@@ -132,7 +272,7 @@ class LawChoice(ShownAsText):
     def _shown(self) -> str:
         """The mechanisms that the test shows, and those that it does not, in a sentence."""
         shown = [words for words, gain in self.mechanisms.items() if gain > DECISIVE]
-        absent = [words for words, gain in self.mechanisms.items() if gain < -1.0]
+        absent = [words for words, gain in self.mechanisms.items() if gain < ABSENT]
         text = f"The test shows {_listed(shown)}" if shown else "The test shows none of its further mechanisms"
         return f"{text}, and no {_listed(absent, 'or')}." if absent else f"{text}."
 
@@ -159,6 +299,7 @@ def choose_model(
     error_models: Sequence[ErrorModel] = (IID(), AR1(white=0.0)),
     *,
     seed: int = 0,
+    folder: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> LawChoice:
     """Choose the hysteretic law of a specimen from its cyclic test.
@@ -177,8 +318,10 @@ def choose_model(
         `IID()`, `AR1(white=0.0)`, or both.
     seed : int
         Seed.
+    folder : path-like, optional
+        Folder for the fits and the draws: an interrupted choice continues there, with identical results.
     progress : callable, optional
-        Called with the number of laws done and their total.
+        Called with the amount done and the total.
 
     Returns
     -------
@@ -205,28 +348,24 @@ def choose_model(
         given = errors.describe()
         if given["kind"] != "iid" and not (given["kind"] == "ar1" and given.get("white") == 0.0):
             raise InputError("choose_model(error_models)", f"{type(errors).__name__}", "IID() and AR1(white=0.0)")
-    first = test.part(slice(0, test.until(FIRST_PART)))
     ladder = sorted(candidates_of, key=lambda law: len(law.parameters()))
+    store = FitStore(None if folder is None else Path(folder) / FITS, _identity(test, ladder, error_models, seed))
     searched: list[tuple[HystereticLaw, list[Minimum], float]] = []
     for number, law in enumerate(ladder, start=1):
-        minima = search_law(test, law, seed)
+        minima = store.minima(law, test, partial(search_law, test, law, seed))
         searched.append((law, minima, _unexplained(test, minima)))
         if progress is not None:
             progress(number, 2 * len(ladder))
     least = min(unexplained for _, _, unexplained in searched)
     kept = [(law, minima) for law, minima, unexplained in searched if unexplained <= HOPELESS * least]
     dropped = {law.word: unexplained for law, _, unexplained in searched if unexplained > HOPELESS * least}
-    candidates = []
+    candidates, on_parts = [], []
     for number, (law, minima) in enumerate(kept, start=1):
-        of_first = search_law(first, law, seed)
-        fits = refine_law(test, law, minima, error_models)
-        if not fits:
+        of_law, parts = _fitted(test, law, minima, error_models, seed, store)
+        if not of_law:
             dropped[law.word] = np.nan
-            continue
-        of_the_first = refine_law(first, law, of_first, error_models)
-        failed = [np.full(len(test.force), np.nan)] * len(fits)
-        for fit, predicted in zip(fits, [f.force(test) for f in of_the_first] or failed, strict=True):
-            candidates.append(LawCandidate(fit, _prediction_error(test, predicted, len(first.force))))
+        candidates += of_law
+        on_parts += parts
         if progress is not None:
             progress(len(ladder) + round(number * len(ladder) / len(kept)), 2 * len(ladder))
     if not candidates:
@@ -234,7 +373,53 @@ def choose_model(
             "No law can follow the path of the test: every run fails. Check the test's displacements."
         )
     chosen = _chosen(candidates)
-    return LawChoice(test, tuple(candidates), dropped, chosen, chosen.fit.sampled(seed))
+    draws = chosen.fit.sampled(seed, None if folder is None else Path(folder) / DRAWS_OF_LAW)
+    return LawChoice(test, tuple(candidates), dropped, chosen, draws, tuple(on_parts))
+
+
+def _identity(
+    test: CyclicTest, laws: Sequence[HystereticLaw], error_models: Sequence[ErrorModel], seed: int
+) -> dict[str, Any]:
+    """Return all on which the fits depend."""
+    priors = [test.priors(law).content_hash for law in laws]
+    return {
+        "test": digest([test.displacement, test.force]),
+        "laws": [
+            f"{law.word} {digest([dataclasses.asdict(law), prior])}" for law, prior in zip(laws, priors, strict=True)
+        ],
+        "error_models": digest([errors.describe() for errors in error_models]),
+        "seed": seed,
+    }
+
+
+def _fitted(
+    test: CyclicTest,
+    law: HystereticLaw,
+    minima: list[Minimum],
+    error_models: Sequence[ErrorModel],
+    seed: int,
+    store: FitStore,
+) -> tuple[list[LawCandidate], list[LawOnParts]]:
+    """Fit one law to the whole test, to its first part, and to shorter parts."""
+
+    def fits_to(part: CyclicTest, starts: list[Minimum]) -> list[LawFit]:
+        return store.fits(law, part, error_models, lambda: refine_law(part, law, starts, error_models))
+
+    fits = fits_to(test, minima)
+    if not fits:
+        return [], []
+    first = test.part(slice(0, test.until(FIRST_PART)))
+    searched = store.minima(law, first, lambda: search_law(first, law, seed))
+    of_first = fits_to(first, searched)
+    if not of_first:
+        return [LawCandidate(fit, None) for fit in fits], []
+    ends = sorted({test.until(share) for share in ORIGINS} - {len(first.force)})
+    shorter = [test.part(slice(0, end)) for end in ends if end >= FEWEST]
+    earlier = [fits_to(part, [of_first[0].minimum, *searched[1:]]) for part in shorter]
+    candidates = [LawCandidate(fit, part) for fit, part in zip(fits, of_first, strict=True)]
+    if not all(earlier):
+        return candidates, []
+    return candidates, [LawOnParts(test, of_model) for of_model in zip(*earlier, of_first, fits, strict=True)]
 
 
 def _chosen(candidates: list[LawCandidate]) -> LawCandidate:
@@ -246,12 +431,6 @@ def _chosen(candidates: list[LawCandidate]) -> LawCandidate:
 def _unexplained(test: CyclicTest, minima: list[Minimum]) -> float:
     """Return the residual variance at the best minimum over the variance of the force."""
     return minima[0].mean_square / float(np.var(test.force / test.largest_force)) if minima else np.inf
-
-
-def _prediction_error(test: CyclicTest, force: Float[np.ndarray, " time"], first: int) -> float:
-    """Return the root mean square error after the first samples, relative to the largest force; inf for a failed run."""
-    error = float(np.sqrt(np.mean((test.force - force)[first:] ** 2)) / test.largest_force)
-    return error if np.isfinite(error) else np.inf
 
 
 def _listed(words: list[str], last: str = "and") -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,7 +15,10 @@ from jaxtyping import Float, Int
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
 from structid.core.validation import check_arguments, real_array
+from structid.data_files.read_file import read_table
+from structid.data_files.tables.pick_column import values_of_column
 from structid.ground_motion.excitation import DisplacementHistory
+from structid.law_choice.cycles import Cycles, cycle_ends, cycles_along
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.default_priors import scaled
 from structid.models.hysteretic.law_values import MODEL_PARAMETERS
@@ -97,6 +103,48 @@ class CyclicTest(ShownAsText):
                 "Multiply one of the two columns by -1.",
             )
 
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        displacement_unit: str,
+        force_unit: str,
+        displacement_column: int | str = 0,
+        force_column: int | str = 1,
+        missing: Literal["refuse", "leave_out"] = "refuse",
+        name: str | None = None,
+    ) -> CyclicTest:
+        """Read a test from a file.
+
+        Parameters
+        ----------
+        path : path-like
+            A table of columns, of any format that `GroundMotion.read` reads.
+        displacement_unit, force_unit : str
+            Units of the columns, for example ``"mm"`` and ``"kN"``.
+        displacement_column, force_column : int or str
+            Columns: numbers, counted from 0, or titles.
+        missing : {"refuse", "leave_out"}
+            Whether lines without a displacement or a force are refused or left out.
+        name : str, optional
+            Name of the test; by default the file's.
+
+        Returns
+        -------
+        CyclicTest
+            The test.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or its columns are not a test.
+        """
+        table, gaps = read_table(path), missing == "leave_out"
+        displacement = values_of_column(table, displacement_column, displacement_unit, "m", gaps)
+        force = values_of_column(table, force_column, force_unit, "N", gaps)
+        measured = np.isfinite(displacement + force)
+        return cls(displacement[measured], force[measured], Path(path).stem if name is None else name)
+
     @cached_property
     def turns(self) -> Int[np.ndarray, " turn"]:
         """Samples at which the displacement turns."""
@@ -155,6 +203,43 @@ class CyclicTest(ShownAsText):
             The part.
         """
         return CyclicTest(self.displacement[samples], self.force[samples], self.name)
+
+    def along(self, displacement: Float[np.ndarray, " time"]) -> CyclicTest:
+        """Return a path of other displacements for the same specimen; its force is unknown.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (time,)
+            Displacements [m].
+
+        Returns
+        -------
+        CyclicTest
+            The path, with the initial stiffness times the displacement as its force.
+        """
+        return CyclicTest(
+            displacement, self.initial_stiffness * np.asarray(displacement), f"prediction for {self.name}"
+        )
+
+    @property
+    def cycles(self) -> Cycles:
+        """Energy, stiffness, strength and equivalent damping of every complete cycle."""
+        return self.cycles_of(self.force)
+
+    def cycles_of(self, force: Float[np.ndarray, " time"]) -> Cycles:
+        """Return the measures of every complete cycle with the force of a model.
+
+        Parameters
+        ----------
+        force : ndarray, shape (time,)
+            Force along the test's displacement [N].
+
+        Returns
+        -------
+        Cycles
+            The measures.
+        """
+        return cycles_along(self.displacement, force, cycle_ends(self.displacement, self.turns, not self._direction))
 
     def thinned(self, samples: int) -> CyclicTest:
         """Return the test at fewer samples, all turning points among them.

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import scipy.special
@@ -23,7 +24,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.models.hysteretic.hysteretic import Hysteretic
-from structid.optimize.many_starts import Minimum, minima_from_many_starts, refined
+from structid.optimize.many_starts import FARTHEST, Minimum, minima_from_many_starts, refined
 from structid.probability.space import ParameterSpace
 
 SEARCHED = 600
@@ -34,6 +35,8 @@ REFINED = 4
 """Number of minima of the search that are refined at all samples."""
 REFINED_AGAIN = 2
 """Number of them that are refined with correlated errors."""
+FINER = (1, 4, 16)
+"""Divisions of the steps that are tried until the runs succeed."""
 NEARBY = 0.3
 """Spread of further starts around a minimum, in standard deviations of the prior."""
 ROUNDS = 3
@@ -41,10 +44,14 @@ ROUNDS = 3
 CORRELATIONS = 1e-3, 0.9999
 """Smallest and largest correlation of neighbouring errors."""
 SAMPLERS = {
-    True: SMC(particles=200, ensembles=2, steps=150, effective_share=0.5, correlation=0.3, scouts=0),
-    False: SMC(particles=100, ensembles=2, steps=60, effective_share=0.5, correlation=0.4, scouts=0),
+    True: SMC(particles=200, ensembles=2, steps=200, effective_share=0.5, correlation=0.3, independent=0.9, scouts=0),
+    False: SMC(particles=100, ensembles=2, steps=100, effective_share=0.5, correlation=0.4, independent=0.9, scouts=0),
 }
 """Samplers of the posterior, for fast laws and for those that divide the moves of a test into many steps."""
+PILOT_STEPS = 60
+"""Moves of the particles in the first run, around which the second reference density is fitted."""
+MOST_RUNS = 3
+"""Largest number of tempering runs."""
 FAST = 0.1
 """Accurate move from which a law is fast."""
 WIDER = 1.5
@@ -100,13 +107,23 @@ class LawFit:
     def force(self, test: CyclicTest | None = None) -> Float[np.ndarray, " time"]:
         """Return the force of the best parameters under the displacements of a test, by default the fitted one."""
         along = test or self.test
-        for finer in (1, 4, 16):
+        for finer in FINER:
             # Parameters from a part of a test may need shorter steps for the rest of it.
             model = replace(self.model, substeps=finer * self.model.substeps)
             run = model.simulate(self.best[None], along.path)
             if run.done[0]:
                 break
         return np.asarray(run.values[0, along.rows, 0])
+
+    def forces_of_draws(
+        self, along: CyclicTest, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "draw time"]:
+        """Return forces of draws from the normal approximation of the posterior, without runs that fail [N]."""
+        factor = np.linalg.cholesky(np.linalg.inv(self.minimum.curvature))
+        x = self.minimum.x + rng.normal(size=(count, len(factor))) @ factor.T
+        theta = _theta_of(self._space, np.clip(x, -FARTHEST, FARTHEST))
+        runs = replace(self.model, substeps=4 * self.model.substeps).simulate(theta, along.path)
+        return np.asarray(runs.values[runs.done][:, along.rows, 0])
 
     @property
     def log_evidence(self) -> float:
@@ -122,20 +139,33 @@ class LawFit:
         errors = 2 if self.correlation else 1
         return float(log_likelihood - 0.5 * np.linalg.slogdet(minimum.curvature)[1] - 0.5 * errors * np.log(count))
 
-    def sampled(self, seed: int) -> SamplingResult:
-        """Return draws of the posterior, by tempering from a reference density around the best fit."""
-        posterior, sampler = self.posterior, SAMPLERS[self.law.accurate_move >= FAST]
-        mode = self._mode()
-        rng = stream(seed, Purpose.HYSTERETIC_LAW)
-        phi = mode.middle + rng.normal(size=(1, sampler.particles, posterior.dimension)) @ mode.factor.T
-        density = posterior.evaluate(phi[0])[0][None]
-        reference = FromReference(posterior, EnsembleState(phi, density), [mode])
-        return replace(sample(reference, sampler, derived_seed(seed, Purpose.HYSTERETIC_LAW)), target=posterior)
+    def sampled(self, seed: int, store: Path | None = None) -> SamplingResult:
+        """Return draws of the posterior, or stored draws, from tempering runs that begin at a reference density.
+
+        The first reference is fitted to the normal approximation around the best fit, each further one to the particles of the run
+        before: a curved posterior is wider than the normal approximation. The runs end when the draws have converged.
+        """
+        posterior, settings = self.posterior, SAMPLERS[self.law.accurate_move >= FAST]
+        mode, rng = self._mode(), stream(seed, Purpose.HYSTERETIC_LAW)
+        phi = mode.middle + rng.normal(size=(1, settings.particles, posterior.dimension)) @ mode.factor.T
+        particles = EnsembleState(phi, posterior.evaluate(phi[0])[0][None])
+        for run in range(MOST_RUNS):
+            reference = FromReference(posterior, particles, [mode])
+            kept = None if store is None else store.with_suffix(f".{run}.h5")
+            run_seed = derived_seed(seed, Purpose.HYSTERETIC_LAW, run)
+            steps = settings.steps if run else PILOT_STEPS
+            result = replace(sample(reference, replace(settings, steps=steps), run_seed, kept), target=posterior)
+            if run and result.verdict().converged:
+                break
+            last = posterior.bijection.inverse(result.history[-1].reshape(-1, posterior.dimension))
+            particles = EnsembleState(
+                last.reshape(settings.ensembles, settings.particles, -1), result.coordinate_log_density[-1]
+            )
+        return result
 
     def _mode(self) -> Mode:
         """Return the best fit and its spread in the unconstrained coordinates of the posterior."""
-        posterior, count = self.posterior, len(self.test.force)
-        names = self.model.free
+        posterior, names = self.posterior, self.model.free
         variance = self.minimum.mean_square / (1.0 - self.correlation**2)
         # The samples of a test are 1 s apart, whatever its rate was.
         errors = {
@@ -150,11 +180,28 @@ class LawFit:
         ends = posterior.bijection.inverse(np.concatenate([moved, np.tile(rest, (len(names), 1))], axis=1))
         slopes = (ends - middle)[:, : len(names)] / step  # dφ/dx, diagonal for independent priors
         covariance = slopes.T @ np.linalg.inv(self.minimum.curvature) @ slopes
-        # sd of log σ² is √(2/n), of atanh ρ about 1/√n
-        whole = np.diag(np.full(len(theta), 4.0 / count))
+        whole = np.zeros((len(theta), len(theta)))
         whole[: len(names), : len(names)] = covariance
+        # dφ/d log of the error parameters
+        ends = posterior.bijection.inverse(theta * (1.0 + step * np.eye(len(theta))[len(names) :]))
+        scale = np.diag((ends - middle)[:, len(names) :]) / step
+        whole[len(names) :, len(names) :] = scale[:, None] * self._covariance_of_errors() * scale
         factor = WIDER * np.linalg.cholesky(whole + 1e-12 * np.eye(len(theta)))
         return Mode(middle, float(posterior.evaluate(middle[None])[0][0]), factor)
+
+    def _covariance_of_errors(self) -> Float[np.ndarray, "error error"]:
+        """Return the covariance of log σ², and of log τ for correlated errors.
+
+        The innovations' variance σ² (1 − ρ²), ρ = e^(−1/τ), has the relative variance 2/n, and ρ the variance (1 − ρ²)/n. The
+        samples determine the former better, so σ² and τ vary together.
+        """
+        count, rho = len(self.test.force), self.correlation
+        if not rho:
+            return np.array([[2.0 / count]])
+        time = -1.0 / np.log(rho)
+        of_time = min((1.0 - rho**2) * (time / rho) ** 2 / count, 1.0)
+        along = 2.0 * rho**2 / ((1.0 - rho**2) * time)  # d log σ²/d log τ
+        return np.array([[2.0 / count + along**2 * of_time, along * of_time], [along * of_time, of_time]])
 
 
 def _theta_of(space: ParameterSpace, x: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, "run parameter"]:
@@ -166,13 +213,18 @@ class _Residuals:
     """Residuals of a law along a test, relative to the largest force, whitened by a correlation."""
 
     def __init__(
-        self, test: CyclicTest, law: HystereticLaw, correlation: float = 0.0, known: Collection[str] = ()
+        self,
+        test: CyclicTest,
+        law: HystereticLaw,
+        correlation: float = 0.0,
+        known: Collection[str] = (),
+        finer: int = 1,
     ) -> None:
         self.test, self.correlation = test, correlation
         self.space = test.priors(law, known)
         self.model = Hysteretic(law, free=self.space.names, channels=("restoring_force",))
         # Only distant samples are divided: that takes fewer steps than as many for every sample.
-        self.path, self.rows = test.divided(law.accurate_move)
+        self.path, self.rows = test.divided(law.accurate_move / finer)
 
     def with_correlation(self, correlation: float) -> _Residuals:
         """Return the same residuals whitened by another correlation; the compiled model serves both."""
@@ -216,9 +268,14 @@ def refine_law(
     test: CyclicTest, law: HystereticLaw, minima: list[Minimum], error_models: Sequence[ErrorModel]
 ) -> list[LawFit]:
     """Refine the best minima of a search at all samples, under every error model; an empty list if every run fails."""
-    whole = _Residuals(test, law)
-    best = refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10) if minima else []
-    if not best:
+    if not minima:
+        return []
+    for finer in FINER:
+        # Minima of the search, which has fewer samples, may need shorter steps along all of them.
+        whole = _Residuals(test, law, finer=finer)
+        if best := refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10):
+            break
+    else:
         return []
     return [
         LawFit(law, test, errors, _of_force(best[0], test), 0.0)
@@ -235,6 +292,12 @@ def _with_correlated_errors(whole: _Residuals, law: HystereticLaw, best: list[Mi
         correlation = _neighbours(whole(best[0].x[None])[0], np.diff(test.rows))
         best = refined(whole.with_correlation(correlation), np.stack([m.x for m in best[:REFINED_AGAIN]]), 8)
     return LawFit(law, test, errors, _of_force(best[0], test), correlation)
+
+
+def refit(fit: LawFit, part: CyclicTest) -> LawFit | None:
+    """Refit a law to a part of its test, from its best parameters; None if every run fails."""
+    fits = refine_law(part, fit.law, [fit.minimum], [fit.errors])
+    return fits[0] if fits else None
 
 
 def without_mechanism(fit: LawFit, name: str) -> LawFit:

@@ -18,9 +18,10 @@ from structid.report.calibration_overview import derived_table, posterior_table,
 from structid.report.drawing.drawn_sections import DrawnSection, draw
 from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.material.comparison_material import ComparisonMaterial
+from structid.report.material.cyclic_material import CyclicMaterial
 from structid.report.material.material import PosteriorMaterial, RunsMaterial
 from structid.report.material.programme_material import ProgrammeMaterial
-from structid.report.page_summary import comparison_summary, page_summary
+from structid.report.page_summary import ORDER, comparison_summary, cyclic_summary, page_summary
 from structid.report.section import NEAREST
 from structid.report.tables import percent, versions_table
 
@@ -100,6 +101,31 @@ def write_programme_report(
         sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which keeps its damage.",
         programme=programme,
         sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material),
+        settings=material.settings,
+        run=versions_table(timings),
+    )
+
+
+def write_cyclic_report(
+    material: CyclicMaterial, folder: Path, timings: dict[str, float], progress: Progress | None = None
+) -> Path:
+    """Write ``report.html`` of a cyclic test."""
+    choice = material.choice
+    believed, further = cyclic_summary(material)
+    verdict = choice.result.verdict()
+    return _write(
+        "cyclic_test.html",
+        folder,
+        title=material.title,
+        sentence=f"The hysteretic law of a specimen from its cyclic test ({len(material.test.force):,} samples).",
+        found=[*material.test.questions, choice.sentence],
+        believed=believed,
+        trust=max((b.trust for b in believed), key=ORDER.index),
+        further=further,
+        doubt=_doubt(verdict),
+        sections=_shown(
+            draw(section_list.OF_A_CYCLIC_TEST, material, folder / "figures", progress), material, verdict.converged
+        ),
         settings=material.settings,
         run=versions_table(timings),
     )

@@ -11,6 +11,7 @@ from structid.core.notebook import ShownAsText
 from structid.figures.style import pretty
 from structid.inference.model_comparison.comparison import aligned
 from structid.report.material.comparison_material import ComparedClass, ComparisonMaterial
+from structid.report.material.cyclic_material import CyclicMaterial
 from structid.report.material.learnt_parameters import LITTLE, LearntParameter, learnt_parameters
 from structid.report.material.material import PosteriorMaterial
 from structid.report.tables import percent
@@ -92,6 +93,46 @@ def page_summary(material: PosteriorMaterial) -> PageSummary:
     """Build the summary of a calibration."""
     parameters = learnt_parameters(material)
     return PageSummary(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
+
+
+def cyclic_summary(material: CyclicMaterial) -> tuple[list[Believed], list[str]]:
+    """Build the summary of a cyclic test: assessments of the sampling and of the law, and the next steps."""
+    choice = material.choice
+    verdict, held_out = choice.result.verdict(), material.held_out
+    sampling = (
+        Believed("Sampling", "good", "converged; independent ensembles agree")
+        if verdict.converged
+        else Believed("Sampling", "bad", "not converged: do not use the parameters")
+    )
+    left = f"it leaves {percent(choice.least_squares)} of the variance of the force unexplained"
+    if verdict.converged and verdict.wrong_model:
+        law = Believed("Law", "bad", f"the best of these laws, but wrong for these data; {left}")
+    elif verdict.converged and not verdict.doubt:
+        law = Believed("Law", "good", f"no evidence against it; {left}")
+    else:
+        law = Believed("Law", "doubtful", f"the residuals contradict the error model; {left}")
+    believed = [sampling, law]
+    if held_out is not None:
+        trust: Trust = "good" if held_out.coverage >= 0.8 else "doubtful"
+        words = f"the 90 % band holds {held_out.coverage:.0%} of the last half-cycles, predicted from the first"
+        believed.append(Believed("Prediction", trust, words))
+    further = []
+    if not verdict.converged:
+        further.append("Choose among fewer laws, or thin the samples of the test: the draws have not converged.")
+    if law.trust != "good":
+        further.append(
+            "Use predictions with their band, which contains the error of the model. The parameters give the law's best fit. They "
+            "are not properties of the specimen."
+        )
+    if not material.predictions:
+        further.append(
+            "Predict the force under other displacements: add a [[prediction]] table, or choice.predict(displacement)."
+        )
+    if not material.responses:
+        further.append(
+            "Use the specimen dynamically: add a [dynamics] table with its mass and records, or choice.oscillator(mass)."
+        )
+    return believed, further
 
 
 def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:

@@ -28,6 +28,15 @@ from structid.report.sections.comparison import (
     compared_records,
     compared_responses,
 )
+from structid.report.sections.cyclic_test import (
+    compared_laws,
+    dynamic_use,
+    further_paths,
+    held_out_half_cycles,
+    measured_loops,
+    measures_of_cycles,
+    parameters_of_law,
+)
 from structid.report.sections.programme import (
     actuator_tracking,
     floor_histories,
@@ -71,6 +80,17 @@ OF_A_PROGRAMME: tuple[Section[Any], ...] = (
     online_filter.SECTION,
 )
 """Sections of a programme of hybrid tests, from `ProgrammeMaterial`."""
+
+OF_A_CYCLIC_TEST: tuple[Section[Any], ...] = (
+    measured_loops.SECTION,
+    compared_laws.SECTION,
+    measures_of_cycles.SECTION,
+    held_out_half_cycles.SECTION,
+    parameters_of_law.SECTION,
+    further_paths.SECTION,
+    dynamic_use.SECTION,
+)
+"""Sections of a cyclic test, from `CyclicMaterial`."""
 
 OF_A_CERTIFICATE: tuple[Section[Any], ...] = (external_draws_certificate.SECTION,)
 """Sections of a certificate of external draws, from `CertificateMaterial`."""

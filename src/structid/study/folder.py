@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from structid.core.journal import compare_identity, differences, write_then_rena
 from structid.study.build_study import build
 from structid.study.building.built_study import BuiltStudy
 from structid.study.folder_layout import CHAINS, IDENTITY, INPUTS, STUDY
+from structid.study.kept_inputs import keep_inputs, with_kept_names
 from structid.study.schema.study_file import StudyFile, study_text
 from structid.study.stages import stage_list
 from structid.study.study_reader import parse_study, stands_alone
@@ -85,7 +85,7 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
     folder.mkdir(parents=True, exist_ok=True)
     if path.resolve() != (folder / STUDY).resolve():
         write_then_rename(folder / STUDY, study_text(path).encode())
-    inputs = _keep_inputs(study, folder)
+    inputs = keep_inputs(study.file.model_dump(), study.folder, folder)
     identity = {
         "study": study.identity,
         "name": study.file.name,
@@ -107,37 +107,7 @@ def left_as_it_was(folder: Path) -> Iterator[None]:
         raise
 
 
-def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
-    """Copy all input files of the study into its folder, so that a report can be rewritten; return the new name of each file."""
-    kept: dict[str, str] = {}
-    for name in dict.fromkeys(_file_names(study.file.model_dump(exclude={"model"}))):
-        kept[name] = f"{len(kept)}/{Path(name).name}"
-        target = folder / INPUTS / kept[name]
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(study.folder / name, target)
-    return kept
-
-
-def _file_names(content: Any) -> Iterator[str]:
-    """All values of the key ``file``, at any depth."""
-    if isinstance(content, dict):
-        for key, value in content.items():
-            if key == "file" and isinstance(value, str):
-                yield value
-            else:
-                yield from _file_names(value)
-    elif isinstance(content, (list, tuple)):
-        for value in content:
-            yield from _file_names(value)
-
-
 def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
     """Read the stored study; its file names refer to the copies of the input files."""
-
-    def renamed(content: Any) -> Any:
-        if isinstance(content, dict):
-            return {k: inputs[v] if k == "file" and isinstance(v, str) else renamed(v) for k, v in content.items()}
-        return [renamed(v) for v in content] if isinstance(content, list) else content
-
     path = folder / STUDY
-    return parse_study(renamed(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))
+    return parse_study(with_kept_names(tomllib.loads(path.read_text(encoding="utf-8")), inputs), str(path))

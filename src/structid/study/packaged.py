@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from importlib import resources
 
+CYCLIC_TESTS = ("cyclic",)
+"""Studies of cyclic tests for `structid run`."""
+
 STUDIES = ("measured", "bouc_wen", "shear_frame", "facade", "external")
 """Studies for `structid run`."""
 
 PROGRAMMES = ("hybrid", "hybrid_facade")
 """Programmes of hybrid tests for `structid hybrid`."""
 
-TEMPLATES = (*STUDIES, *PROGRAMMES)
+TEMPLATES = (*STUDIES, *CYCLIC_TESTS, *PROGRAMMES)
 """Names of all example studies."""
 
 SOLVERS = {"external": "external_solver.py"}

@@ -22,6 +22,7 @@ def check(
 ) -> None:
     """List all problems in a study file, and estimate the cost of the study from a few model runs."""
     from structid.study.cost import estimate
+    from structid.study.cyclic_tests.cyclic_test_file import is_cyclic_test
     from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility
     from structid.study.programmes.programme_file import is_programme
@@ -29,8 +30,12 @@ def check(
     from structid.study.run import load
     from structid.study.schema.study_file import study_content
 
-    if is_programme(study_content(study)):
+    content = study_content(study)
+    if is_programme(content):
         print_checks(check_programme(study), quantities_in_si(study))
+        return
+    if is_cyclic_test(content):
+        _check_cyclic_test(study)
         return
     built = load(study)
     _describe(built)
@@ -49,6 +54,22 @@ def check(
     for question in sizes.questions:
         print_plainly(f"? {question}", style="bold red")
     raise typer.Exit(WRONG_INPUT)
+
+
+def _check_cyclic_test(study: Path) -> None:
+    """Print the scales of a cyclic test and the doubts about it."""
+    from structid.study.cyclic_tests.planned_cyclic_test import load_cyclic_test
+    from structid.study.echo import quantities_in_si
+
+    planned = load_cyclic_test(study)
+    print_plainly(str(planned.test))
+    print_plainly(f"Laws to choose among: {', '.join(planned.laws)}")
+    for line in quantities_in_si(study):
+        print_plainly(line)
+    for question in planned.test.questions:
+        print_plainly(f"? {question}", style="bold red")
+    if not planned.test.questions:
+        screen.print(f"[bold green]{study} is in order.[/]")
 
 
 def _describe(built: BuiltStudy) -> None:

@@ -7,12 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.cli.screen import FAILED, errors, findings_on_screen, finish, print_plainly, screen, stage
+from structid.cli.screen import (
+    FAILED,
+    errors,
+    findings_on_screen,
+    finish,
+    finish_cyclic_test,
+    print_plainly,
+    screen,
+    stage,
+)
 from structid.core.errors import InputError
 
 if TYPE_CHECKING:
+    from structid.study.cyclic_tests.run_cyclic_test import CyclicOutcome
     from structid.study.run import StudyOutcome
     from structid.study.timings import Stage
+
+STOPPED = "\nStopped. Finished results are on disk; rerun with --resume to continue."
 
 
 def run(
@@ -37,10 +49,28 @@ def run(
     ] = False,
 ) -> None:
     """Run a study: model runs, deterministic calibration, sampling, prediction, report."""
+    from structid.study.cyclic_tests.cyclic_test_file import is_cyclic_test
+    from structid.study.schema.study_file import study_content
+
     folder = Path(study.stem) if out is None else out
+    if is_cyclic_test(study_content(study)):
+        finish_cyclic_test(_cyclic_test_on_screen(study, folder, resume))
+        return
     with findings_on_screen():
         outcome = worked_on_screen(study, folder, resume, executor, retry, adopt)
     finish(outcome)
+
+
+def _cyclic_test_on_screen(study: Path, out: Path, resume: bool) -> CyclicOutcome:
+    """Choose the law of a cyclic test with progress bars."""
+    from structid.study.cyclic_tests.run_cyclic_test import run_cyclic_test
+
+    screen.print(f"[bold]structid[/] {study.name} → {out}")
+    try:
+        return run_cyclic_test(study, out, resume, stage)
+    except KeyboardInterrupt:
+        errors.print(STOPPED, style="yellow")
+        raise typer.Exit(FAILED) from None
 
 
 def worked_on_screen(
@@ -91,5 +121,5 @@ def worked_on_screen(
     try:
         return run_study(study, out, resume, shown, executor, retry, adopt, built)
     except KeyboardInterrupt:
-        errors.print("\nStopped. Finished results are on disk; rerun with --resume to continue.", style="yellow")
+        errors.print(STOPPED, style="yellow")
         raise typer.Exit(FAILED) from None

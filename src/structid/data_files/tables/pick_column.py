@@ -93,9 +93,9 @@ def first_time(table: ColumnTable, column: int | None) -> float:
 
 
 def values_of_column(
-    table: ColumnTable, column: int | str, unit: str | None, si_unit: str
+    table: ColumnTable, column: int | str, unit: str | None, si_unit: str, gaps: bool = False
 ) -> Float[np.ndarray, " row"]:
-    """Return one column in SI, without regard to times."""
+    """Return one column in SI, without regard to times; with `gaps`, empty cells are NaN, otherwise they are refused."""
     index = _index(table, column, "column")
     if index in table.time_columns():
         raise InputError(
@@ -105,7 +105,8 @@ def values_of_column(
             "Name another column.",
         )
     values = table.values[:, [index]]
-    _refuse_gaps(table, values, [index])
+    if not gaps:
+        _refuse_gaps(table, values, [index])
     return values[:, 0] * _factor(table, [index], unit, si_unit)
 
 

@@ -193,9 +193,13 @@ def is_programme(content: dict[str, Any]) -> bool:
 
 def read_programme(path: str | Path) -> ProgrammeFile:
     """Read a programme file and check every key."""
-    content = study_content(path)
+    return parse_programme(study_content(path), str(path))
+
+
+def parse_programme(content: dict[str, Any], path: str) -> ProgrammeFile:
+    """Check the content of a programme file."""
     try:
         return programme_file().model_validate(content)
     except pydantic.ValidationError as errors:
         problems = dict.fromkeys(problem(error, content, programme_file()) for error in errors.errors())
-        raise StudyErrors(str(path), list(problems)) from None
+        raise StudyErrors(path, list(problems)) from None

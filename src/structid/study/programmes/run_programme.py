@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from structid.core.errors import InputError
-from structid.core.journal import write_then_rename
 from structid.hybrid.experiment import HybridTest
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.programme import ProgrammeResult, store_of
@@ -16,9 +15,10 @@ from structid.hybrid.recording.result_file import open_hybrid
 from structid.report.material.programme_material import Learnt, ProgrammeMaterial
 from structid.report.page import write_programme_report
 from structid.study.folder_layout import INPUTS, POSTERIOR, STUDY, TIMINGS
+from structid.study.kept_inputs import claim_for_text, kept_content
 from structid.study.programmes.learnt_of_tests import learnt_of
 from structid.study.programmes.planned_programme import PlannedProgramme, planned
-from structid.study.programmes.programme_file import read_programme
+from structid.study.programmes.programme_file import parse_programme, read_programme
 from structid.study.schema.study_file import study_text
 from structid.study.timings import Stage, Timings, silent
 
@@ -54,7 +54,7 @@ def run_programme(
     """Run a programme of hybrid tests."""
     programme, folder = load_programme(path), Path(out)
     specimen = programme.laboratory(address, secret) if address else None
-    _claim(folder, Path(path), resume)
+    claim_for_text(folder, Path(path), resume, "programme")
     timings = Timings(folder / TIMINGS)
     with timings.measured("tests"):
         tests = programme.programme(specimen).run(folder, resume=resume, watching=watching)
@@ -64,7 +64,7 @@ def run_programme(
 def programme_report_again(folder: str | Path, stage: Stage = silent) -> ProgrammeOutcome:
     """Rewrite the report from stored results."""
     folder = Path(folder)
-    programme = planned(read_programme(folder / STUDY), folder / INPUTS)
+    programme = planned(parse_programme(kept_content(folder), str(folder / STUDY)), folder / INPUTS)
     names = [section.name for section in programme.file.test]
     tests = {name: open_hybrid(store_of(folder, name)) for name in names if store_of(folder, name).exists()}
     if not tests:
@@ -104,26 +104,3 @@ def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[st
         return {}
     given: dict[str, Any] = file.specimen.model.model_dump()
     return {name: given[name] for name in file.parameters if isinstance(given.get(name), float)}
-
-
-def _claim(folder: Path, path: Path, resume: bool) -> None:
-    """Reserve a folder for this programme, or reject the folder."""
-    kept, text = folder / STUDY, study_text(path)
-    if kept.is_file():
-        if study_text(kept) != text:
-            raise InputError(f"{folder}", "it contains another programme", "a new folder, or the same programme file")
-        if not resume:
-            raise InputError(
-                f"{folder}", "it already contains this programme", "a new folder", "Add --resume to continue it."
-            )
-        return
-    if folder.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder}", "it is not empty", "a new or an empty folder")
-    inputs = folder / INPUTS
-    inputs.mkdir(parents=True, exist_ok=True)
-    record = read_programme(path).record.file
-    if record is not None:
-        source, target = path.resolve().parent / record, inputs / record
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(source.read_bytes())
-    write_then_rename(kept, text.encode())

@@ -1,0 +1,220 @@
+"""How far a fitted law can be believed beyond its data: rolling-origin predictions of the later half-cycles.
+
+A law that is fitted to the first half-cycles of a test predicts the next ones (Tashman 2000). Its errors there show how the error
+of the force grows with the largest and the cumulative displacement, and which laws predict best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.optimize
+import scipy.stats
+from jaxtyping import Float
+
+from structid.core.errors import ConvergenceError
+from structid.core.streams import Purpose, stream
+from structid.law_choice.cyclic_test import CyclicTest
+from structid.law_choice.law_fit import LawFit
+
+FIRST_PART = 0.7
+"""Share of the half-cycles from which the others are predicted."""
+ORIGINS = (0.4, 0.55)
+"""Shares of the half-cycles from which the rest of the first part is predicted."""
+GROWTH = 1.0
+"""Median of the prior of a growth coefficient: the error doubles where the largest displacement is e times that of the data."""
+GROWTH_SD = 1.0
+"""Standard deviation of its logarithm. It also describes what the growth in one part of a test tells of the next."""
+SPREAD_DRAWS = 40
+"""Number of runs that show the spread from the parameters' posterior."""
+RESAMPLES = 500
+"""Number of weights of the half-cycles in the Bayesian bootstrap."""
+TO_ALL, TO_FIRST_PART = -1, -2
+"""Positions of the fits to all half-cycles and to the first part."""
+
+
+def distance_beyond(
+    displacement: Float[np.ndarray, " time"], known: Float[np.ndarray, " known_time"]
+) -> Float[np.ndarray, "time 2"]:
+    """Return ln(a/a₀) and ln(w/w₀), with the largest and the cumulative displacement so far, a and w; zero within the data."""
+    amplitude, cumulative = np.maximum.accumulate(np.abs(displacement)), _cumulative(displacement)
+    largest, whole = np.abs(known).max(), max(_cumulative(known)[-1], np.finfo(float).tiny)
+    ratios = np.stack([amplitude / largest, cumulative / whole], axis=1)
+    return np.asarray(np.log(np.maximum(ratios, 1.0)))
+
+
+def _cumulative(displacement: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Return the sum of all moves so far [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A prediction of later half-cycles, compared with the measurement."""
+
+    distance: Float[np.ndarray, "time 2"]  # beyond the data of the fit
+    error: Float[np.ndarray, " time"]  # over the fit's standard deviation of the errors
+    spread: Float[np.ndarray, " time"]  # standard deviation from the parameters, in the same unit
+    ends: list[int]  # ends of the half-cycles
+    sd: float  # the fit's standard deviation of the errors [N]
+
+    def sd_along(self, growth: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " time"]:
+        return np.asarray(1.0 + self.distance @ growth)
+
+    def score(self, growth: Float[np.ndarray, " 2"]) -> list[float]:
+        """Mean log density of the measurement in every half-cycle."""
+        sd = np.hypot(self.sd_along(growth), self.spread)
+        density = scipy.stats.norm.logpdf(self.error, 0.0, sd) - np.log(self.sd)
+        return [float(part.mean()) for part in np.split(density, self.ends) if len(part)]
+
+
+@dataclass(frozen=True, eq=False)
+class LawOnParts:
+    """One law, with one error model, fitted to longer and longer parts of a test.
+
+    Parameters
+    ----------
+    test : CyclicTest
+        The whole test.
+    fits : tuple of LawFit
+        Fits to parts of increasing length; the last but one is to the first 70 % of the half-cycles, the last to all.
+    """
+
+    test: CyclicTest
+    fits: tuple[LawFit, ...]
+
+    @property
+    def word(self) -> str:
+        """Name of the law."""
+        return self.fits[-1].law.word
+
+    @cached_property
+    def _forces(self) -> list[tuple[Float[np.ndarray, " time"], Float[np.ndarray, "draw time"]]]:
+        """Force of the best parameters along the whole test, and forces of draws, for every fit."""
+        rng = stream(0, Purpose.HYSTERETIC_LAW)
+        return [(fit.force(self.test), fit.forces_of_draws(self.test, SPREAD_DRAWS, rng)) for fit in self.fits]
+
+    def sd(self, place: int) -> float:
+        """Return the standard deviation of the errors of one fit, at its own data [N]."""
+        fit, force = self.fits[place], self._forces[place][0]
+        return float(np.sqrt(np.mean((fit.test.force - force[: len(fit.test.force)]) ** 2)))
+
+    def trials(self, last: int) -> list[_Trial]:
+        """Return the predictions by all earlier fits, up to the end of one fit's data."""
+        end, trials = len(self.fits[last].test.force), []
+        for place, fit in enumerate(self.fits[:last]):
+            start, sd, (force, draws) = len(fit.test.force), self.sd(place), self._forces[place]
+            part = slice(start, end)
+            turns = self.test.turns[(self.test.turns > start) & (self.test.turns < end)] - start
+            distance = distance_beyond(self.test.displacement[:end], fit.test.displacement)[part]
+            spread = draws[:, part].std(axis=0) if len(draws) else np.zeros(end - start)
+            error = (self.test.force - force)[part] / sd
+            trials.append(_Trial(distance, error, spread / sd, list(turns), sd))
+        return trials
+
+    def growth(self, last: int) -> Float[np.ndarray, " 2"]:
+        """Return the growth c of the error with both distances, from the predictions up to the end of one fit's data.
+
+        sd = s (1 + c_a ln(a/a₀) + c_w ln(w/w₀)); every half-cycle counts as one value.
+        """
+        trials = [t for t in self.trials(last) if np.isfinite(t.error).all() and len(t.error)]
+
+        def cost(log_growth: np.ndarray) -> float:
+            value = 0.5 * float(np.sum((log_growth - np.log(GROWTH)) ** 2)) / GROWTH_SD**2
+            for trial in trials:
+                sd = trial.sd_along(np.exp(log_growth))
+                value += (len(trial.ends) + 1) * float(np.mean(np.log(sd) + 0.5 * (trial.error / sd) ** 2))
+            return value
+
+        return np.asarray(np.exp(scipy.optimize.minimize(cost, np.full(2, np.log(GROWTH)), method="Nelder-Mead").x))
+
+    def scores(self, last: int) -> list[float]:
+        """Return the mean log density of every half-cycle that an earlier fit predicts."""
+        growth = self.growth(last)
+        return [score for trial in self.trials(last) for score in trial.score(growth)]
+
+    def draws(
+        self, last: int, along: CyclicTest, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "draw time"]:
+        """Return forces that one fit predicts along a path, with the errors of the model [N]."""
+        fit = self.fits[last]
+        if along is self.test:
+            force, draws = self._forces[last]
+        else:
+            force, draws = fit.force(along), fit.forces_of_draws(along, SPREAD_DRAWS, rng)
+        forces = draws if len(draws) else force[None]
+        if not np.isfinite(forces).all():
+            raise ConvergenceError(f"The runs of the law {fit.law.word} fail along the path. Check its displacements.")
+        growth = self.growth(last) * np.exp(GROWTH_SD * rng.normal(size=(count, 2)))
+        distance = distance_beyond(along.displacement, fit.test.displacement)
+        sd = self.sd(last) * (1.0 + growth @ distance.T)
+        return np.asarray(forces[rng.integers(0, len(forces), count)] + sd * rng.normal(size=sd.shape))
+
+
+def weights_by_prediction(laws: Sequence[LawOnParts], last: int) -> Float[np.ndarray, " law"]:
+    """Return weights by the predictions of later half-cycles: pseudo-BMA with the Bayesian bootstrap (Yao et al. 2018).
+
+    The samples of a half-cycle have nearly the same error, so a half-cycle counts as one value.
+    """
+    scores = np.array([law.scores(last) for law in laws])
+    if not scores.size:
+        return np.full(len(laws), 1.0 / len(laws))
+    scores = np.where(np.isfinite(scores), scores, -np.inf).clip(-1e6)
+    count = scores.shape[1]
+    shares = count * stream(0, Purpose.HYSTERETIC_LAW).dirichlet(np.ones(count), RESAMPLES)
+    totals = shares @ scores.T
+    weights = np.exp(totals - totals.max(axis=1, keepdims=True))
+    return np.asarray((weights / weights.sum(axis=1, keepdims=True)).mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class CyclicPrediction:
+    """Predicted force along a path, averaged over the laws.
+
+    Parameters
+    ----------
+    test : CyclicTest
+        The path; its force is measured, or zero.
+    start : int
+        First predicted sample.
+    draws : ndarray, shape (draw, time)
+        Draws of the force, with the error of the model [N].
+    """
+
+    test: CyclicTest
+    start: int
+    draws: np.ndarray
+
+    @cached_property
+    def mean(self) -> Float[np.ndarray, " time"]:
+        """Mean of the predicted force [N]."""
+        return np.asarray(self.draws.mean(axis=0))
+
+    def band(self, level: float = 0.9) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
+        """Return the bounds between which the force lies with a given probability, sample by sample [N]."""
+        low, high = np.quantile(self.draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0)
+        return low, high
+
+    @property
+    def coverage(self) -> float:
+        """Part of the measured samples, from the first predicted one on, that the 90 % band holds."""
+        low, high = (edge[self.start :] for edge in self.band())
+        force = self.test.force[self.start :]
+        return float(np.mean((force >= low) & (force <= high)))
+
+
+def average_prediction(
+    laws: Sequence[LawOnParts],
+    weights: Float[np.ndarray, " law"],
+    last: int,
+    along: CyclicTest,
+    count: int,
+    rng: np.random.Generator,
+) -> CyclicPrediction:
+    """Return draws of the force along a path, from every law as many as its weight asks for."""
+    counts = rng.multinomial(count, weights / weights.sum())
+    draws = [law.draws(last, along, int(n), rng) for law, n in zip(laws, counts, strict=True) if n]
+    return CyclicPrediction(along, len(laws[0].fits[last].test.force), np.concatenate(draws))

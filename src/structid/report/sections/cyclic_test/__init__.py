@@ -1,0 +1,1 @@
+"""Sections of the page of a cyclic test, one file per section."""

@@ -1,0 +1,44 @@
+"""Section of a cyclic test: the last half-cycles, predicted from the first."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from structid.figures import cyclic_test as figure
+from structid.law_choice.extrapolation import CyclicPrediction
+from structid.report.material.cyclic_material import CyclicMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+
+
+def _draw(prediction: CyclicPrediction) -> Picture:
+    low, high = (1e-3 * edge for edge in prediction.band())
+    test = prediction.test
+    drawn = figure.predicted_force(
+        1e3 * test.displacement, 1e-3 * test.force, 1e-3 * prediction.mean, (low, high), prediction.start
+    )
+    return Picture(
+        "held_out", "Last half-cycles: measured force, and the prediction from the earlier half-cycles.", drawn
+    )
+
+
+def _drawings(material: CyclicMaterial) -> list[Drawing]:
+    return [] if material.held_out is None else [partial(_draw, material.held_out)]
+
+
+def _words(material: CyclicMaterial) -> list[str]:
+    prediction = material.held_out
+    if prediction is None:
+        return ["No law could be fitted to a part of the test, so its last half-cycles cannot be predicted."]
+    test = prediction.test
+    error = np.sqrt(np.mean((test.force - prediction.mean)[prediction.start :] ** 2)) / test.largest_force
+    return [
+        f"The laws were fitted to the first {prediction.start:,} of {len(test.force):,} samples, and predict the rest. The mean of "
+        f"the laws errs by {error:.1%} of the largest force (root mean square). The 90 % band holds {prediction.coverage:.0%} of "
+        "these samples. The band contains the error of the model, which grows with the largest and the cumulative displacement "
+        "beyond the data."
+    ]
+
+
+SECTION: Section[CyclicMaterial] = Section("held-out", "Prediction of the last half-cycles", _drawings, nothing, _words)

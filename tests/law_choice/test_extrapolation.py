@@ -1,0 +1,107 @@
+"""How the error of a law grows beyond its data, what the laws weigh in a prediction, and which samples a band holds."""
+
+import numpy as np
+import pytest
+from test_choose_model import PATH, virtual
+
+import structid as si
+from law_paths import path_between
+from structid.law_choice.extrapolation import TO_ALL, TO_FIRST_PART, distance_beyond, weights_by_prediction
+
+LAWS = ("elastic_plastic", "bilinear")
+
+
+@pytest.fixture(scope="module")
+def choice():
+    return si.choose_model(virtual("bilinear", hardening=0.1), LAWS, seed=1)
+
+
+@pytest.fixture(scope="module")
+def wrong():
+    """A bilinear spring chosen for a specimen that pinches and loses strength."""
+    values = {"sharpness": 1.2, "energy_damage": 0.04, "peak_damage": 0.03}
+    return si.choose_model(virtual("masing", **values), LAWS, seed=1)
+
+
+def test_the_distance_is_zero_within_the_data_and_a_logarithm_beyond():
+    known = np.array([0.0, 1.0, -1.0, 0.0])  # largest 1, cumulative 4
+    distance = distance_beyond(np.array([0.0, 1.0, 0.0, 2.0, -2.0]), known)
+    np.testing.assert_allclose(distance[:3], 0.0)
+    np.testing.assert_allclose(distance[3:], [[np.log(2.0), 0.0], [np.log(2.0), np.log(2.0)]])
+
+
+def test_the_right_law_carries_the_prediction_and_its_band_holds_the_force(choice):
+    assert choice.weights["bilinear"] > 0.95
+    assert sum(choice.weights.values()) == pytest.approx(1.0)
+    assert choice.held_out.coverage > 0.85
+    error = (choice.held_out.mean - choice.test.force)[choice.held_out.start :]
+    assert np.sqrt(np.mean(error**2)) < 0.03 * choice.test.largest_force
+
+
+def test_the_band_of_a_wrong_law_grows_beyond_the_data(wrong):
+    law = next(law for law in wrong.on_parts if law.word == "bilinear")
+    assert (law.growth(TO_FIRST_PART) > 0.0).all()
+    inside, beyond = (wrong.predict(factor * PATH).band() for factor in (1.0, 3.0))
+    widths = [np.mean(high - low) for low, high in (inside, beyond)]
+    assert widths[1] > 1.3 * widths[0]
+    assert wrong.held_out.coverage > 0.7
+    # The errors within the data alone are too small a band.
+    low, high = (wrong.held_out.mean + side * 1.645 * law.sd(TO_FIRST_PART) for side in (-1.0, 1.0))
+    after = slice(wrong.held_out.start, None)
+    held = np.mean(((wrong.test.force >= low) & (wrong.test.force <= high))[after])
+    assert held < wrong.held_out.coverage
+
+
+def test_a_fit_to_all_half_cycles_learns_from_more_predictions(choice):
+    law = choice.on_parts[0]
+    assert len(law.trials(TO_ALL)) == len(law.trials(TO_FIRST_PART)) + 1
+    assert len(law.scores(TO_ALL)) > len(law.scores(TO_FIRST_PART))
+
+
+def test_laws_without_predictions_have_equal_weights(choice):
+    without = [type(law)(law.test, law.fits[-2:]) for law in choice.on_parts]
+    np.testing.assert_allclose(weights_by_prediction(without, TO_FIRST_PART), 1.0 / len(without))
+
+
+def test_stored_fits_give_the_same_choice(choice, tmp_path, monkeypatch):
+    first = si.choose_model(choice.test, LAWS, seed=1, folder=tmp_path)
+    np.testing.assert_array_equal(first.result.history, choice.result.history)
+
+    def refuse(*args, **settings):
+        raise AssertionError("a stored fit was computed again")
+
+    monkeypatch.setattr("structid.law_choice.choose_model.search_law", refuse)
+    monkeypatch.setattr("structid.law_choice.choose_model.refine_law", refuse)
+    again = si.choose_model(choice.test, LAWS, seed=1, folder=tmp_path)
+    np.testing.assert_array_equal(again.result.history, choice.result.history)
+    np.testing.assert_array_equal(again.held_out.draws, choice.held_out.draws)
+    with pytest.raises(si.InputError, match="another study"):
+        si.choose_model(choice.test, LAWS[1:], seed=1, folder=tmp_path)
+
+
+def test_the_oscillator_has_the_chosen_law(choice):
+    record = si.GroundMotion.synthetic(seed=3).trim(3.0, 6.0)
+    oscillator = choice.oscillator(12e3, 0.02, ("displacement", "restoring_force"))
+    draws = choice.result.flat[:3, : len(oscillator.free)]
+    values = dict(zip(oscillator.free, draws[1], strict=True))
+    offset = values.pop("force_offset")
+    alone = si.Hysteretic(
+        choice.chosen.law.word,
+        values,
+        mass=12e3,
+        damping_ratio=0.02,
+        force_offset=offset,
+        channels=oscillator.channels,
+    )
+    expected = alone.simulate(np.zeros((1, 0)), record).values[0]
+    np.testing.assert_allclose(oscillator.simulate(draws, record).values[1], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_parameter_that_the_test_does_not_show_is_named():
+    """An elastic test says nothing of the yield force or the hardening."""
+    path = 0.05 * path_between(np.array([0.01, -0.01] * 6), 30)
+    force = 20e6 * path
+    noisy = force + 0.02 * np.abs(force).max() * np.random.default_rng(0).normal(size=len(path))
+    choice = si.choose_model(si.CyclicTest(path, noisy), ["bilinear"], seed=1)
+    assert {"hardening"} <= set(choice.unidentified) or {"yield_force"} <= set(choice.unidentified)
+    assert "stiffness" not in choice.unidentified
