@@ -40,6 +40,7 @@ _PUBLIC = {
     "Gumbel": "probability.marginals",
     "Histories": "histories",
     "Hysteretic": "models.hysteretic.hysteretic",
+    "HystereticFrame": "models.hysteretic.hysteretic_frame",
     "HybridResult": "hybrid.hybrid_result",
     "HybridTest": "hybrid.experiment",
     "IID": "inference.error_models.independent",

@@ -70,6 +70,7 @@ from structid.models.external.protocol import StructureFailedError as StructureF
 from structid.models.external.um_bridge import UMBridgeModel as UMBridgeModel
 from structid.models.hysteretic.bouc_wen import BoucWen as BoucWen
 from structid.models.hysteretic.hysteretic import Hysteretic as Hysteretic
+from structid.models.hysteretic.hysteretic_frame import HystereticFrame as HystereticFrame
 from structid.models.hysteretic.imposed_displacements import ImposedDisplacements as ImposedDisplacements
 from structid.models.hysteretic.loop_lines import LoopLines as LoopLines
 from structid.models.hysteretic.shear_frame import ShearFrame as ShearFrame

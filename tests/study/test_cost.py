@@ -7,6 +7,7 @@ import pytest
 
 import structid as si
 from structid.inference.error_model_choice import CHOICE_SAMPLER, usual_error_models
+from structid.study import cost
 from structid.study.cost import Part, StudyCost, estimate
 from structid.study.run import load
 from structid.study.stages.error_model_stage import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
@@ -83,8 +84,8 @@ def test_a_campaign_without_a_measurement_costs_its_runs(tmp_path):
 
 
 def test_parts_are_said_in_words():
-    cost = StudyCost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
-    assert str(cost).splitlines() == [
+    study_cost = StudyCost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
+    assert str(study_cost).splitlines() == [
         "Campaign: 1,000 model runs in batches of 50, 2.5 ms per run: about 2 s",
         "Predictions, figures and page: about 3 min",
         "Total: about 3 min on this machine.",
@@ -128,3 +129,14 @@ def test_a_sampler_of_too_few_walkers_is_not_taken_for_values_at_knots(tmp_path)
     assert sampler_under(none, study.posterior.on(error_model=laws[2])) is FOR_CORRELATED_ERRORS
     assert sampler_under(none, study.posterior) == none.sampler
     assert np.isfinite(estimate(none).otherwise.seconds)
+
+
+def test_a_long_sampling_offers_a_small_population():
+    sampling = Part("Sampling", 3600.0, 4_000_000, 2000)
+    smaller = cost._with_a_small_population(si.SMC(), 12, [sampling])
+    ratio = cost.SMALL_POPULATION.evaluations(12) / si.SMC().evaluations(12)
+    assert smaller == pytest.approx(3600.0 * ratio) and smaller < 600.0
+    assert "particles = 200, ensembles = 2" in StudyCost((sampling,), 2000, smaller=smaller).conclusion
+    assert cost._with_a_small_population(si.SMC(), 12, [Part("Sampling", 60.0, 1000, 2000)]) is None
+    assert cost._with_a_small_population(si.AIES(), 12, [sampling]) is None
+    assert cost._with_a_small_population(cost.SMALL_POPULATION, 12, [sampling]) is None

@@ -125,19 +125,32 @@ class LawFit:
         runs = replace(self.model, substeps=4 * self.model.substeps).simulate(theta, along.path)
         return np.asarray(runs.values[runs.done][:, along.rows, 0])
 
-    @property
+    @cached_property
     def log_evidence(self) -> float:
-        """Laplace's approximation of the log evidence, with the error parameters by Schwarz' rule.
+        """Laplace's approximation of the log evidence, in standard-normal coordinates x of the prior and log error parameters ε.
 
-        log Z ≈ log L − ½ |x|² − ½ log det(JᵀJ/s² + 1) − ½ e log n
+        log Z ≈ log L − ½ |x|² − ½ log det(JᵀJ/s² + 1) + log p(ε) + ½ log((2π)^e det C)
         """
         count, minimum = len(self.test.force), self.minimum
         log_likelihood = -minimum.value - 0.5 * count * (np.log(2.0 * np.pi) + 1.0)
         log_likelihood += 0.5 * np.log1p(-(self.correlation**2))
         if self.correlation:
             log_likelihood += np.log(_relative_sd(self.correlation, np.diff(self.test.rows))).sum()
-        errors = 2 if self.correlation else 1
-        return float(log_likelihood - 0.5 * np.linalg.slogdet(minimum.curvature)[1] - 0.5 * errors * np.log(count))
+        marginals = self.posterior.space.marginals
+        errors = [
+            float(marginals[name].log_density(np.array([value]))[0]) + np.log(value)
+            for name, value in self._error_parameters.items()
+        ]
+        volume = 0.5 * np.linalg.slogdet(2.0 * np.pi * self._covariance_of_errors())[1]
+        return float(log_likelihood - 0.5 * np.linalg.slogdet(minimum.curvature)[1] + sum(errors) + volume)
+
+    @property
+    def _error_parameters(self) -> dict[str, float]:
+        """Return σ², and the correlation time τ of correlated errors; the samples of a test are 1 s apart, whatever its rate."""
+        variance = self.minimum.mean_square / (1.0 - self.correlation**2)
+        if not self.correlation:
+            return {"sigma2": variance}
+        return {"sigma2": variance, "correlation_time": -1.0 / float(np.log(self.correlation))}
 
     def sampled(self, seed: int, store: Path | None = None) -> SamplingResult:
         """Return draws of the posterior, or stored draws, from tempering runs that begin at a reference density.
@@ -166,13 +179,7 @@ class LawFit:
     def _mode(self) -> Mode:
         """Return the best fit and its spread in the unconstrained coordinates of the posterior."""
         posterior, names = self.posterior, self.model.free
-        variance = self.minimum.mean_square / (1.0 - self.correlation**2)
-        # The samples of a test are 1 s apart, whatever its rate was.
-        errors = {
-            "sigma2": variance,
-            "correlation_time": -1.0 / np.log(self.correlation) if self.correlation else np.nan,
-        }
-        rest = [errors[name] for name in posterior.names[len(names) :]]
+        rest = [self._error_parameters[name] for name in posterior.names[len(names) :]]
         theta = np.append(self.best, rest)
         step = 1e-4
         moved = _theta_of(self._space, self.minimum.x + step * np.eye(len(names)))

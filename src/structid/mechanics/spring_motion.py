@@ -16,8 +16,8 @@ class SpringMotion(ABC):
     """Masses with u″ = a(u, u′, f, x) on springs with the forces f, under a signal x.
 
     The force of a spring depends on the path of its deformation, not on time. In a step of the classical Runge–Kutta method every
-    stage therefore moves the springs from their state at the beginning of the step. If a mass turns within the step, its springs
-    first move to the turning point.
+    stage therefore moves the springs from their state at the beginning of the step. A spring whose deformation turns within the
+    step first moves to the turning point.
     """
 
     kind: str
@@ -28,8 +28,8 @@ class SpringMotion(ABC):
         """Return the springs' state, the displacements and the velocities at the beginning."""
 
     @abstractmethod
-    def moved(self, springs: State, u: Any) -> State:
-        """Return the springs' state after a monotonic move of the masses to other displacements."""
+    def moved(self, springs: State, deformation: Any) -> State:
+        """Return the springs' state after a monotonic move to other deformations."""
 
     @abstractmethod
     def force(self, springs: State) -> Any:
@@ -68,7 +68,7 @@ class SpringMotion(ABC):
         springs, u, v = self.at_rest()
         if self.kind == "displacement":
             u = u + stages[0, 0, 0]
-            springs = self.moved(springs, u)
+            springs = self.moved(springs, self.deformation(u))
         start = {"springs": springs, "u": u, "v": v, "work": 0.0 * self.force(springs), "longest": 0.0 * u}
         return TimeLoop(start, sample, stages, lead_in, lambda state: self.usable(state, step))
 
@@ -81,7 +81,7 @@ class SpringMotion(ABC):
     def _imposed(self, state: State, stage: Any, step: float) -> State:
         """Return the state after an imposed move."""
         u = 0.0 * state["u"] + stage[2]
-        return self._after(state, self.moved(state["springs"], u), u, state["v"])
+        return self._after(state, self.deformation(state["u"]), self.deformation(u)) | {"u": u}
 
     def _free(self, state: State, stage: Any, step: float) -> State:
         """Return the state after a Runge–Kutta step."""
@@ -92,7 +92,7 @@ class SpringMotion(ABC):
 
         def stage_at(by: float, slopes: tuple[Any, Any], signal: Any) -> tuple[Any, Any]:
             at_u, at_v = u + by * slopes[0], v + by * slopes[1]
-            return slope(at_u, at_v, self.force(self.moved(springs, at_u)), signal)
+            return slope(at_u, at_v, self.force(self.moved(springs, self.deformation(at_u))), signal)
 
         k1 = slope(u, v, self.force(springs), stage[0])
         k2 = stage_at(0.5 * step, k1, stage[1])
@@ -101,14 +101,13 @@ class SpringMotion(ABC):
         after_u, after_v = (
             y + step / 6.0 * (a + 2.0 * (b + c) + d) for y, a, b, c, d in zip((u, v), k1, k2, k3, k4, strict=True)
         )
-        turned = self._turning_point(u, v, after_u, after_v, step)
-        first = self.moved(springs, turned)
-        half = self._after(state, first, turned, v)
-        return self._after(half, self.moved(first, after_u), after_u, after_v)
+        before, after = self.deformation(u), self.deformation(after_u)
+        turned = self._turning_point(before, self.deformation(v), after, self.deformation(after_v), step)
+        return self._after(self._after(state, before, turned), turned, after) | {"u": after_u, "v": after_v}
 
     @staticmethod
     def _turning_point(u: Any, v: Any, after_u: Any, after_v: Any, step: float) -> Any:
-        """Return the displacement at which a mass turns within a step, or that at the end.
+        """Return the deformation at which a spring turns within a step, or that at the end.
 
         With a linear velocity, u + v² h/(2 (v − v₁)); its error is of third order in the step.
         """
@@ -116,13 +115,12 @@ class SpringMotion(ABC):
         turns = v * after_v < 0.0
         return xp.where(turns, u + 0.5 * step * v * v / xp.where(turns, v - after_v, 1.0), after_u)
 
-    def _after(self, state: State, springs: State, u: Any, v: Any) -> State:
-        """Return the state with the work of the springs' forces and the longest move."""
-        xp = namespace(u)
-        deformation = self.deformation(u) - self.deformation(state["u"])
-        work = state["work"] + 0.5 * (self.force(state["springs"]) + self.force(springs)) * deformation
-        longest = xp.maximum(state["longest"], xp.abs(deformation))
-        return {"springs": springs, "u": u, "v": v, "work": work, "longest": longest}
+    def _after(self, state: State, before: Any, after: Any) -> State:
+        """Return the state after a monotonic move of the springs, with the work of their forces and the longest move."""
+        xp = namespace(after)
+        springs, change = self.moved(state["springs"], after), after - before
+        work = state["work"] + 0.5 * (self.force(state["springs"]) + self.force(springs)) * change
+        return state | {"springs": springs, "work": work, "longest": xp.maximum(state["longest"], xp.abs(change))}
 
 
 def short_enough(longest: Any, limit: Any, omega_squared: Any, step: float) -> Any:

@@ -14,6 +14,7 @@ from structid.core.streams import Purpose, stream
 from structid.inference.error_model_choice import CHOICE_SAMPLER, usual_error_models
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Sampler
+from structid.inference.sampling.smc.smc import SMC
 from structid.study.building.built_study import BuiltStudy
 from structid.study.stages.error_model_stage import sampler_under
 
@@ -25,6 +26,8 @@ LONG = 0.3
 """Duration of a call [s] above which the call is timed only once, since other load then matters less."""
 SLOW = 20.0
 """Duration of a batch [s] above which the batch is timed only once."""
+SAMPLING = "Sampling"
+"""Name of the part that samples the posterior."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
 """Runs per starting point, and linearisations of all starting points together, of each search in the benchmark studies."""
 OVERHEAD = 0.4e-6
@@ -33,6 +36,11 @@ SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the error model": 4.0, 
 """Durations of surrogate steps in the benchmark study [s]; the speed of a surrogate is known only after its fit."""
 BENCHMARK_SAMPLES = 4001
 """Number of samples in the record of the benchmark study."""
+SMALL_SETTINGS = ("particles", "ensembles", "steps", "effective_share", "correlation", "scouts")
+SMALL_POPULATION = SMC(particles=200, ensembles=2, steps=150, effective_share=0.5, correlation=0.3, scouts=0)
+"""Population that is offered where sampling takes long; a frame with twelve unknown parameters converged with it."""
+LONG_SAMPLING = 600.0
+"""Duration of the sampling [s] above which it is offered."""
 PAGE = 14.0
 """Duration of the predictions, the figures and the page [s]."""
 
@@ -65,6 +73,7 @@ class StudyCost:
     plan: Plan | None = None  # budget of a certified calibration
     otherwise: Part | None = None  # cost of sampling if the data choose drifting parameters
     longest: float | None = None  # total duration if a certified calibration uses its whole budget [s]
+    smaller: float | None = None  # duration of the sampling with `SMALL_POPULATION`, if the given one takes long [s]
     # Whether a time_shift has a prior: the model then cannot run in compiled vector code
     clock_is_inferred: bool = False
 
@@ -89,6 +98,11 @@ class StudyCost:
             lines.append(
                 f"If the data choose drifting parameters, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
                 'first result, set kind = "iid" in [discrepancy].'
+            )
+        if self.smaller is not None:
+            lines.append(
+                f"With a small population, sampling takes about {duration(self.smaller)}; the verdict shows whether it is enough. "
+                f"In [sampler]: {', '.join(f'{k} = {getattr(SMALL_POPULATION, k):g}' for k in SMALL_SETTINGS)}."
             )
         if self.clock_is_inferred:
             lines.append(
@@ -144,7 +158,7 @@ def estimate(study: BuiltStudy, show: Callable[[str], None] | None = None) -> St
         parts.append(part)
         if show is not None:
             show(str(part))
-    more, otherwise = 0.0, None
+    more, otherwise, smaller = 0.0, None, None
     if study.posterior is not None and study.has_surrogate:
         usual, longest = (_sum(_through_a_surrogate(study, rounds)) for rounds in _rounds_of(study))
         more = longest - usual  # additional duration if a calibration uses its whole budget [s]
@@ -152,8 +166,18 @@ def estimate(study: BuiltStudy, show: Callable[[str], None] | None = None) -> St
         # The data may choose drifting parameters, if compiled vector code can sample them.
         drifting = next((of for of in under if of.error_model.inside and of.in_lanes), None)
         otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
+        smaller = _with_a_small_population(study.sampler, study.posterior.dimension, parts)
     at_most = _sum(parts) + more if more else None
-    return StudyCost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
+    return StudyCost(tuple(parts), batch, study.plan, otherwise, at_most, smaller, _clock_is_inferred(study))
+
+
+def _with_a_small_population(sampler: Sampler, dimension: int, parts: Sequence[Part]) -> float | None:
+    """Duration of a long sampling run of SMC with a small population; None if it is short [s]."""
+    sampling = next((part.seconds for part in parts if part.what == SAMPLING), 0.0)
+    if sampler.describe()["kind"] != "smc" or sampling < LONG_SAMPLING:
+        return None
+    smaller = sampling * SMALL_POPULATION.evaluations(dimension) / sampler.evaluations(dimension)
+    return smaller if smaller < 0.5 * sampling else None
 
 
 def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: int) -> Iterator[Part]:
@@ -178,7 +202,7 @@ def _sampling_parts(
         yield from _through_a_surrogate(study, _rounds_of(study)[0])
     elif posterior.costs_runs:
         evaluations = study.sampler.evaluations(posterior.dimension)
-        yield Part("Sampling", evaluations * each, evaluations, batch)
+        yield Part(SAMPLING, evaluations * each, evaluations, batch)
     else:
         yield from _choice(under)
         yield from _searches(study)
@@ -264,7 +288,7 @@ def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
     each = _shortest(
         _gradient(posterior, phi) if sampler.needs_derivatives else lambda: posterior.evaluate_parts(phi)
     ) / len(phi)
-    return Part("Sampling", evaluations * (each + OVERHEAD * posterior.dimension), evaluations)
+    return Part(SAMPLING, evaluations * (each + OVERHEAD * posterior.dimension), evaluations)
 
 
 def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:

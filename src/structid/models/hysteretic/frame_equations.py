@@ -31,35 +31,10 @@ class FrameEquations(HystereticSystem):
         law = Law(**{name: values[name] for name in Law._fields})
         recorded = {channel.rpartition("_")[0] for channel in channels}
         super().__init__(law, self._full(values["mass"]), self.stiffness, kind, recorded)
-        self.viscous = self._viscous(damping, rayleigh_mode, values["damping_ratio"])
+        self.viscous = viscous_matrices(self.mass, self.stiffness, damping, rayleigh_mode, values["damping_ratio"])
 
     def _full(self, value: Any) -> Any:
         return jnp.broadcast_to(value, (self.storeys, self.runs))
-
-    def _viscous(self, damping: str | np.ndarray, rayleigh_mode: int, damping_ratio: Any) -> Any:
-        """Return M⁻¹ C, shape (storey, storey, run)."""
-        if not isinstance(damping, str):
-            return jnp.asarray(damping)[:, :, None] / self.mass[:, None, :]
-        root = jnp.sqrt(self.mass.T)
-        squares, modes = jnp.linalg.eigh(self._stiffness_matrices() / (root[:, :, None] * root[:, None, :]))
-        omega = jnp.sqrt(squares)
-        zeta = jnp.broadcast_to(damping_ratio, (self.runs,))[:, None]
-        if damping == "modal":
-            rates = 2.0 * zeta * omega
-        else:
-            # a/(2ω) + bω/2 = ζ at both modes, so that 2ζω of every mode becomes a + b ω²
-            first, second = omega[:, :1], omega[:, min(rayleigh_mode, self.storeys) - 1, None]
-            rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
-        symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
-        # M⁻¹ C = M^(−½) S M^½
-        return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
-
-    def _stiffness_matrices(self) -> Any:
-        """Return K of every run, shape (run, storey, storey)."""
-        k = self.stiffness.T
-        above = jnp.concatenate([k[:, 1:], jnp.zeros((self.runs, 1))], axis=1)
-        upper = jnp.eye(self.storeys, k=1) * above[:, :, None]
-        return (k + above)[:, :, None] * jnp.eye(self.storeys) - upper - upper.swapaxes(1, 2)
 
     def initial_state(self, zero: Float[Array, "storey run"]) -> State:
         """Return the state of the frame at rest."""
@@ -101,6 +76,40 @@ class FrameEquations(HystereticSystem):
             storey = 0 if base_shear else int(number) - 1
             rows.append(self.channel("restoring_force" if base_shear else name, state, signal)[storey])
         return jnp.stack(rows)
+
+
+def viscous_matrices(
+    mass: Float[Array, "storey run"],
+    stiffness: Float[Array, "storey run"],
+    damping: str | np.ndarray,
+    rayleigh_mode: int,
+    damping_ratio: Any,
+) -> Float[Array, "storey storey run"]:
+    """Return M⁻¹ C of every run, for modal or Rayleigh damping of the initial stiffness, or for a given matrix C."""
+    if not isinstance(damping, str):
+        return jnp.asarray(damping)[:, :, None] / mass[:, None, :]
+    storeys, runs = mass.shape
+    root = jnp.sqrt(mass.T)
+    squares, modes = jnp.linalg.eigh(_stiffness_matrices(stiffness) / (root[:, :, None] * root[:, None, :]))
+    omega = jnp.sqrt(squares)
+    zeta = jnp.broadcast_to(damping_ratio, (runs,))[:, None]
+    if damping == "modal":
+        rates = 2.0 * zeta * omega
+    else:
+        # a/(2ω) + bω/2 = ζ at both modes, so that 2ζω of every mode becomes a + b ω²
+        first, second = omega[:, :1], omega[:, min(rayleigh_mode, storeys) - 1, None]
+        rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
+    symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
+    # M⁻¹ C = M^(−½) S M^½
+    return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
+
+
+def _stiffness_matrices(stiffness: Float[Array, "storey run"]) -> Float[Array, "run storey storey"]:
+    """Return K of every run."""
+    k = stiffness.T
+    above = jnp.concatenate([k[:, 1:], jnp.zeros((len(k), 1))], axis=1)
+    upper = jnp.eye(k.shape[1], k=1) * above[:, :, None]
+    return (k + above)[:, :, None] * jnp.eye(k.shape[1]) - upper - upper.swapaxes(1, 2)
 
 
 def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarray, "storey storey"]:

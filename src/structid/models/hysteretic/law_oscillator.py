@@ -35,9 +35,9 @@ class LawOscillator(SpringMotion):
         """Return the spring, displacement and velocity at rest; see `SpringMotion.at_rest`."""
         return self.law.at_rest(self.like), self.like, self.like
 
-    def moved(self, springs: Memory, u: Float[Array, " run"]) -> Memory:
+    def moved(self, springs: Memory, deformation: Float[Array, " run"]) -> Memory:
         """Move the spring; see `SpringMotion.moved`."""
-        return self.law.moved(self.prepared, springs, u)
+        return self.law.moved(self.prepared, springs, deformation)
 
     def force(self, springs: Memory) -> Float[Array, " run"]:
         """Return the force of the law, without the constant offset; see `SpringMotion.force`."""
