@@ -19,24 +19,17 @@ from structid.figures import loops
 DEFAULT = Path(__file__).parents[2] / "shared" / "data" / "hysteresis" / "FD_PG1_Almeida2012.csv"
 
 
-def read(path: Path) -> si.CyclicTest:
-    """Top displacement [mm] and horizontal force [kN] after four lines of text."""
-    table = np.genfromtxt(path, delimiter=",", skip_header=4, usecols=(0, 1))
-    table = table[np.isfinite(table).all(axis=1)]
-    return si.CyclicTest(table[:, 0] * 1e-3, table[:, 1] * 1e3, path.stem)
-
-
 def main(path: Path = DEFAULT, save: Path | None = Path("cyclic_test"), laws: Sequence[str] | None = None) -> float:
     """Choose, draw, and return the fraction of the force's variance that the chosen law leaves unexplained."""
-    test = read(path)
+    test = si.CyclicTest.read(path, "mm", "kN")
     print(test)
     print("\n".join(test.questions))
     choice = si.choose_model(test, laws, seed=1)
     print(choice)
     print(choice.result.summary())
+    print(f"The 90 % band holds {choice.held_out.coverage:.0%} of the last half-cycles, predicted from the first.")
     if save is not None:
-        same = [c for c in choice.candidates if c.law.word == choice.chosen.law.word]
-        best = min(same, key=lambda c: c.unexplained)
+        best = choice.least_squares_fit
         u, samples = test.displacement * 1e3, np.arange(len(test.force), dtype=float)
         title = f"{test.name}: {best.unexplained:.1%} of the force's variance unexplained"
         measured, model = (u, test.force * 1e-3), (u, best.fit.force() * 1e-3)

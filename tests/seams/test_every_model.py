@@ -49,6 +49,14 @@ def flag():
     return si.Hysteretic("self_centering", law, mass=12e3, damping_ratio=0.03, free=FLAG.names)
 
 
+def frame_of_laws():
+    laws = {"yield_force_1": "60 kN", "hardening_1": 0.05}
+    channels = ("velocity_1", "velocity_2")
+    return si.HystereticFrame(
+        ["bilinear", "linear"], mass=12e3, values=laws, damping_ratio=0.03, free=STOREYS.names, channels=channels
+    )
+
+
 def frame():
     law = dict(alpha=0.05, beta=63.0, gamma_ratio=0.5)
     return si.ShearFrame(
@@ -105,6 +113,7 @@ def fitted(settings):
 MODELS = {
     "BoucWen": (lambda folder: oscillator(), SPRING, True),
     "Hysteretic": (lambda folder: flag(), FLAG, True),
+    "HystereticFrame": (lambda folder: frame_of_laws(), STOREYS, True),
     "DriftingModel": (lambda folder: DriftingModel(oscillator(), SPRING, 3, 1.5), DRIFTING, True),
     "ShearFrame": (lambda folder: frame(), STOREYS, True),
     "MasonryWall": (lambda folder: wall(), JOINTS, True),

@@ -61,6 +61,14 @@ class _Trial:
     ends: list[int]  # ends of the half-cycles
     sd: float  # the fit's standard deviation of the errors [N]
 
+    @property
+    def independent_values(self) -> float:
+        """Number of independent errors, n (1 − ρ)/(1 + ρ) with the correlation of neighbours; at least one in a half-cycle."""
+        first, second = self.error[:-1], self.error[1:]
+        size = float(np.sqrt((first @ first) * (second @ second)))
+        rho = max(0.0, float(first @ second) / size) if size > 0.0 else 0.0
+        return max(len(self.error) * (1.0 - rho) / (1.0 + rho), len(self.ends) + 1.0)
+
     def sd_along(self, growth: Float[np.ndarray, " 2"]) -> Float[np.ndarray, " time"]:
         return np.asarray(1.0 + self.distance @ growth)
 
@@ -118,7 +126,7 @@ class LawOnParts:
     def growth(self, last: int) -> Float[np.ndarray, " 2"]:
         """Return the growth c of the error with both distances, from the predictions up to the end of one fit's data.
 
-        sd = s (1 + c_a ln(a/a₀) + c_w ln(w/w₀)); every half-cycle counts as one value.
+        sd = s (1 + c_a ln(a/a₀) + c_w ln(w/w₀))
         """
         trials = [t for t in self.trials(last) if np.isfinite(t.error).all() and len(t.error)]
 
@@ -126,7 +134,7 @@ class LawOnParts:
             value = 0.5 * float(np.sum((log_growth - np.log(GROWTH)) ** 2)) / GROWTH_SD**2
             for trial in trials:
                 sd = trial.sd_along(np.exp(log_growth))
-                value += (len(trial.ends) + 1) * float(np.mean(np.log(sd) + 0.5 * (trial.error / sd) ** 2))
+                value += trial.independent_values * float(np.mean(np.log(sd) + 0.5 * (trial.error / sd) ** 2))
             return value
 
         return np.asarray(np.exp(scipy.optimize.minimize(cost, np.full(2, np.log(GROWTH)), method="Nelder-Mead").x))

@@ -174,7 +174,7 @@ def estimate(study: BuiltStudy, show: Callable[[str], None] | None = None) -> St
 def _with_a_small_population(sampler: Sampler, dimension: int, parts: Sequence[Part]) -> float | None:
     """Duration of a long sampling run of SMC with a small population; None if it is short [s]."""
     sampling = next((part.seconds for part in parts if part.what == SAMPLING), 0.0)
-    if sampler.describe()["kind"] != "smc" or sampling < LONG_SAMPLING:
+    if sampler.describe().get("kind") != "smc" or sampling < LONG_SAMPLING:
         return None
     smaller = sampling * SMALL_POPULATION.evaluations(dimension) / sampler.evaluations(dimension)
     return smaller if smaller < 0.5 * sampling else None

@@ -13,6 +13,7 @@ from structid.engine.lanes.in_lanes import InLanes
 from structid.engine.vector_code.translation import LONGEST_UNROLLED
 from structid.models.hysteretic.bouc_wen import CHANNELS
 from structid.models.hysteretic.hysteretic import CHANNELS as LAW_CHANNELS
+from structid.models.hysteretic.hysteretic_frame import STOREY_CHANNELS as FRAME_CHANNELS
 from structid.models.hysteretic.shear_frame import STOREY_CHANNELS
 from structid.models.masonry.equations.wall_channels import CHANNELS as WALL_CHANNELS
 from structid.models.traceable import TraceableModel
@@ -129,6 +130,22 @@ def test_every_channel_of_a_frame(damping, excitation):
     )
     signal = EXCITATIONS[excitation]
     compared(frame, signal, RNG.uniform(7e6, 8e6, (3, 1)))
+
+
+@pytest.mark.parametrize("damping", ["modal", "rayleigh"])
+@pytest.mark.parametrize("excitation", ["ground motion", "force"])
+def test_every_channel_of_a_frame_of_laws(damping, excitation):
+    channels = ["base_shear", *(f"{channel}_{storey}" for channel in FRAME_CHANNELS for storey in (1, 2))]
+    frame = si.HystereticFrame(
+        ["masing", "linear"],
+        mass=12e3,
+        values={"yield_force_1": 4e4, "sharpness_1": 1.2},
+        damping_ratio=0.03,
+        damping=damping,
+        free=("stiffness",),
+        channels=channels,
+    )
+    compared(frame, EXCITATIONS[excitation], RNG.uniform(7e6, 8e6, (3, 1)), agree=1e-9)
 
 
 # --- likelihoods ----------------------------------------------------------------------------------------------------
@@ -299,7 +316,7 @@ def test_the_whole_of_a_hybrid_test(coupling):
 
 def test_no_model_is_forgotten():
     tried = {
-        *("BoucWen", "Hysteretic", "MasonryWall", "ShearFrame", "DriftingModel"),
+        *("BoucWen", "Hysteretic", "HystereticFrame", "MasonryWall", "ShearFrame", "DriftingModel"),
         *("ImposedDisplacements", "VirtualHybridTest"),
         *("ParametricNARX", "NARXBesideKriging", "ResponseSpaceSurrogate"),
     }
