@@ -34,7 +34,7 @@ SPECIMENS = {
     "ibarra_pinching": set(),
 }
 """Laws of the specimens, and the laws that contain each."""
-SEEDS, QUICK_SPECIMENS = 2, ("bilinear",)
+SEEDS, QUICK_SPECIMENS = 1, ("bilinear",)
 NOISE, NEAR = 0.02, 0.6
 """Noise, relative to the standard deviation of the force; spread of the parameters, in standard deviations of their priors."""
 AMPLITUDES = np.repeat(np.linspace(1.0 / 7.0, 1.0, 7) ** 1.3, 2) * 0.03  # m

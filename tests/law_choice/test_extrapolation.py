@@ -105,3 +105,16 @@ def test_a_parameter_that_the_test_does_not_show_is_named():
     choice = si.choose_model(si.CyclicTest(path, noisy), ["bilinear"], seed=1)
     assert {"hardening"} <= set(choice.unidentified) or {"yield_force"} <= set(choice.unidentified)
     assert "stiffness" not in choice.unidentified
+
+
+def test_a_push_over_is_fitted_and_predicts_nothing_of_itself():
+    """A test without a turning point has no later half-cycles."""
+    path = np.linspace(0.0, 0.03, 100)
+    force = np.minimum(20e6 * path, 60e3) + 1e6 * np.maximum(path - 3e-3, 0.0)
+    noisy = force + 500.0 * np.random.default_rng(0).normal(size=len(path))
+    choice = si.choose_model(si.CyclicTest(path, noisy), LAWS, seed=1)
+    assert choice.chosen.law.word == "bilinear"
+    assert choice.on_parts == () and "half-cycles" not in choice.sentence
+    assert "inf" not in str(choice) and "nan" not in str(choice)
+    with pytest.raises(si.InputError, match="half-cycles"):
+        choice.predict(2.0 * path)

@@ -69,7 +69,7 @@ class LawCandidate:
     fit : LawFit
         Fit to the whole test.
     of_first : LawFit or None
-        Fit to the first half-cycles; None if its runs fail.
+        Fit to the first half-cycles; None if its runs fail, or if the test has no further half-cycles.
     """
 
     fit: LawFit = field(repr=False)
@@ -152,8 +152,7 @@ class LawChoice(ShownAsText):
     @cached_property
     def held_out(self) -> CyclicPrediction:
         """The force of the whole test, predicted from its first half-cycles by the average of the laws."""
-        weights = weights_by_prediction(self.on_parts, TO_FIRST_PART)
-        return average_prediction(self.on_parts, weights, TO_FIRST_PART, self.test, DRAWS, self._rng)
+        return self._averaged(TO_FIRST_PART, self.test)
 
     def predict(self, displacement: Float[np.ndarray, " time"]) -> CyclicPrediction:
         """Predict the force of the specimen under other displacements, by the average of the laws.
@@ -173,17 +172,30 @@ class LawChoice(ShownAsText):
 
         Raises
         ------
+        InputError
+            If the test has too few half-cycles to show the error of the model.
         ConvergenceError
-            If the runs of a law fail along the path.
+            If the runs of every law fail along the path.
 
         Examples
         --------
         >>> prediction = choice.predict(1.5 * test.displacement)  # doctest: +SKIP
         >>> low, high = prediction.band(0.9)  # doctest: +SKIP
         """
-        path = self.test.along(displacement)
-        weights = weights_by_prediction(self.on_parts, TO_ALL)
-        return average_prediction(self.on_parts, weights, TO_ALL, path, DRAWS, self._rng)
+        return self._averaged(TO_ALL, self.test.along(displacement))
+
+    def _averaged(self, last: int, along: CyclicTest) -> CyclicPrediction:
+        """Return the prediction by one of the fits of every law."""
+        if not self.on_parts:
+            raise InputError(
+                "LawChoice",
+                "no law was fitted to parts of the test",
+                "a test with three or more half-cycles",
+                "Simulate choice.chosen.fit.model; the error of the model is unknown.",
+            )
+        rng = stream(self.result.seed, Purpose.HYSTERETIC_LAW)
+        weights = weights_by_prediction(self.on_parts, last)
+        return average_prediction(self.on_parts, weights, last, along, DRAWS, rng)
 
     def oscillator(
         self, mass: float, damping_ratio: float = 0.0, channels: tuple[str, ...] = ("displacement",)
@@ -212,10 +224,6 @@ class LawChoice(ShownAsText):
         """
         fit = self.chosen.fit
         return Hysteretic(fit.law, mass=mass, damping_ratio=damping_ratio, free=fit.model.free, channels=channels)
-
-    @property
-    def _rng(self) -> np.random.Generator:
-        return stream(self.result.seed, Purpose.HYSTERETIC_LAW)
 
     @cached_property
     def mechanisms(self) -> dict[str, float]:
@@ -253,18 +261,24 @@ class LawChoice(ShownAsText):
         """The choice in sentences."""
         chosen, law = self.chosen, self.chosen.law
         others = [c for c in self.candidates if c.law.word != law.word]
-        text = (
-            f"The test chooses the {law.title}: it explains {1.0 - self.least_squares:.1%} of the variance of the force. From the "
-            f"first {FIRST_PART:.0%} of the half-cycles it predicts the others with an error of {chosen.prediction_error:.1%} of "
-            "the largest force."
-        )
+        text = f"The test chooses the {law.title}: it explains {1.0 - self.least_squares:.1%} of the variance of the force."
+        if np.isfinite(chosen.prediction_error):
+            text += (
+                f" From the first {FIRST_PART:.0%} of the half-cycles it predicts the others with an error of "
+                f"{chosen.prediction_error:.1%} of the largest force."
+            )
+        text = f"{text} {self._shown}"
         if not others:
             return text
-        second = min(others, key=lambda c: c.prediction_error)
+        second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
         ahead = chosen.fit.log_evidence - max(c.fit.log_evidence for c in others if c.law.word == second.law.word)
         relation = "smaller" if ahead > 0.0 else "larger"
+        if not np.isfinite(second.prediction_error):
+            return (
+                f"{text} The next law is the {second.law.title}; its log evidence is {abs(ahead):.0f} nats {relation}."
+            )
         return (
-            f"{text} {self._shown} The best other prediction is by the {second.law.title}, with an error of "
+            f"{text} The best other prediction is by the {second.law.title}, with an error of "
             f"{second.prediction_error:.1%}; its log evidence is {abs(ahead):.0f} nats {relation}."
         )
 
@@ -283,7 +297,7 @@ class LawChoice(ShownAsText):
         for c in sorted(self.candidates, key=lambda c: -c.fit.log_evidence):
             lines.append(
                 f"{c.name.ljust(width)}{len(c.fit.model.free):12d}{c.fit.log_evidence:14.1f}{c.unexplained:13.2%}"
-                f"{c.prediction_error:18.2%}{'  <' if c is self.chosen else ''}"
+                f"{_share(c.prediction_error)}{'  <' if c is self.chosen else ''}"
             )
         if self.dropped:
             lines.append(
@@ -409,6 +423,8 @@ def _fitted(
     if not fits:
         return [], []
     first = test.part(slice(0, test.until(FIRST_PART)))
+    if len(first.force) == len(test.force):
+        return [LawCandidate(fit, None) for fit in fits], []
     searched = store.minima(law, first, lambda: search_law(first, law, seed))
     of_first = fits_to(first, searched)
     if not of_first:
@@ -431,6 +447,11 @@ def _chosen(candidates: list[LawCandidate]) -> LawCandidate:
 def _unexplained(test: CyclicTest, minima: list[Minimum]) -> float:
     """Return the residual variance at the best minimum over the variance of the force."""
     return minima[0].mean_square / float(np.var(test.force / test.largest_force)) if minima else np.inf
+
+
+def _share(error: float) -> str:
+    """Return a prediction error as a cell of the table."""
+    return f"{error:18.2%}" if np.isfinite(error) else f"{'–':>18}"
 
 
 def _listed(words: list[str], last: str = "and") -> str:

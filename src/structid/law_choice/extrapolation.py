@@ -7,6 +7,7 @@ of the force grows with the largest and the cumulative displacement, and which l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -222,7 +223,12 @@ def average_prediction(
     count: int,
     rng: np.random.Generator,
 ) -> CyclicPrediction:
-    """Return draws of the force along a path, from every law as many as its weight asks for."""
-    counts = rng.multinomial(count, weights / weights.sum())
-    draws = [law.draws(last, along, int(n), rng) for law, n in zip(laws, counts, strict=True) if n]
+    """Return draws of the force along a path, from every law as many as its weight asks for; laws that fail there have none."""
+    counts, draws = rng.multinomial(count, weights / weights.sum()), []
+    for law, number in zip(laws, counts, strict=True):
+        with suppress(ConvergenceError):
+            if number:
+                draws.append(law.draws(last, along, int(number), rng))
+    if not draws:
+        raise ConvergenceError("The runs of every law fail along the path. Check its displacements.")
     return CyclicPrediction(along, len(laws[0].fits[last].test.force), np.concatenate(draws))

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from structid.core.errors import ConvergenceError
 from structid.law_choice.choose_model import LawChoice
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.law_choice.extrapolation import CyclicPrediction
@@ -55,5 +56,10 @@ class CyclicMaterial:
 
     @cached_property
     def held_out(self) -> CyclicPrediction | None:
-        """Prediction of the last half-cycles; None if no law could be fitted to parts of the test."""
-        return self.choice.held_out if self.choice.on_parts else None
+        """Prediction of the last half-cycles; None if no law could be fitted to parts of the test, or follow the rest."""
+        if not self.choice.on_parts:
+            return None
+        try:
+            return self.choice.held_out
+        except ConvergenceError:
+            return None

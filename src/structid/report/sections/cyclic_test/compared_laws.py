@@ -28,7 +28,7 @@ def _tables(material: CyclicMaterial) -> list[Table]:
                 str(len(candidate.fit.model.free)),
                 f"{candidate.fit.log_evidence:.1f}",
                 percent(candidate.unexplained),
-                percent(error) if np.isfinite(error) else "runs fail",
+                percent(error) if np.isfinite(error) else "–",
                 f"{weights.get(candidate.law.word, 0.0):.2f}",
             ]
         )

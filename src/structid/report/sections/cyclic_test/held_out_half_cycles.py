@@ -30,7 +30,9 @@ def _drawings(material: CyclicMaterial) -> list[Drawing]:
 def _words(material: CyclicMaterial) -> list[str]:
     prediction = material.held_out
     if prediction is None:
-        return ["No law could be fitted to a part of the test, so its last half-cycles cannot be predicted."]
+        return [
+            "The last half-cycles are not predicted: the test has too few half-cycles, or every law fails in a part of it."
+        ]
     test = prediction.test
     error = np.sqrt(np.mean((test.force - prediction.mean)[prediction.start :] ** 2)) / test.largest_force
     return [
