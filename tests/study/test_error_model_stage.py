@@ -1,6 +1,7 @@
 """Studies that leave the error model to the data: on the model, on a surrogate, in a certified calibration."""
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from structid.calibration.calibration_result import CalibrationResult
 from structid.core.hashing import digest
 from structid.inference.error_model_choice import ErrorModelChoice
 from structid.study.run import load, report_again, run_study
+from structid.study.stages import error_model_stage
 from studies import PACKAGED, SMALL, shortened, without_pages
 
 OPEN = SMALL.replace('kind = "iid"', 'kind = "auto"')
@@ -21,7 +23,10 @@ def written(folder, text):
 
 
 @pytest.mark.slow
-def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
+def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path, monkeypatch):
+    # A fifth of the usual draws: those of tens of hidden values take 150 MB, several times over.
+    fewer = replace(error_model_stage.WITH_HIDDEN_VALUES, steps=50)
+    monkeypatch.setattr(error_model_stage, "WITH_HIDDEN_VALUES", fewer)
     study = written(tmp_path, HEAD + TAIL)
     outcome = run_study(study, tmp_path / "out")
     choice, result = outcome.results[ErrorModelChoice], outcome.result
