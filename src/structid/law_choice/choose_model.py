@@ -131,7 +131,11 @@ class LawChoice(ShownAsText):
     @cached_property
     def weights(self) -> dict[str, float]:
         """Weights of the laws in a prediction, by how well they predict later half-cycles of the test from earlier ones."""
-        return self._by_law(weights_by_prediction(self.on_parts, TO_ALL))
+        return self._by_law(self._weights_to_all)
+
+    @cached_property
+    def _weights_to_all(self) -> Float[np.ndarray, " member"]:
+        return weights_by_prediction(self.on_parts, TO_ALL)
 
     @cached_property
     def evidence_weights(self) -> dict[str, float]:
@@ -194,7 +198,7 @@ class LawChoice(ShownAsText):
                 "Simulate choice.chosen.fit.model; the error of the model is unknown.",
             )
         rng = stream(self.result.seed, Purpose.HYSTERETIC_LAW)
-        weights = weights_by_prediction(self.on_parts, last)
+        weights = self._weights_to_all if last == TO_ALL else weights_by_prediction(self.on_parts, last)
         return average_prediction(self.on_parts, weights, last, along, DRAWS, rng)
 
     def oscillator(

@@ -15,8 +15,7 @@ from jaxtyping import Float, Int
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
 from structid.core.validation import check_arguments, real_array
-from structid.data_files.read_file import read_table
-from structid.data_files.tables.pick_column import values_of_column
+from structid.data_files.loop_columns import read_loop_columns
 from structid.ground_motion.excitation import DisplacementHistory
 from structid.law_choice.cycles import Cycles, cycle_ends, cycles_along
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
@@ -139,9 +138,9 @@ class CyclicTest(ShownAsText):
         InputError
             If the file cannot be read, or its columns are not a test.
         """
-        table, gaps = read_table(path), missing == "leave_out"
-        displacement = values_of_column(table, displacement_column, displacement_unit, "m", gaps)
-        force = values_of_column(table, force_column, force_unit, "N", gaps)
+        displacement, force = read_loop_columns(
+            path, displacement_unit, force_unit, displacement_column, force_column, gaps=missing == "leave_out"
+        )
         measured = np.isfinite(displacement + force)
         return cls(displacement[measured], force[measured], Path(path).stem if name is None else name)
 

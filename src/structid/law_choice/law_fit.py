@@ -301,12 +301,6 @@ def _with_correlated_errors(whole: _Residuals, law: HystereticLaw, best: list[Mi
     return LawFit(law, test, errors, _of_force(best[0], test), correlation)
 
 
-def refit(fit: LawFit, part: CyclicTest) -> LawFit | None:
-    """Refit a law to a part of its test, from its best parameters; None if every run fails."""
-    fits = refine_law(part, fit.law, [fit.minimum], [fit.errors])
-    return fits[0] if fits else None
-
-
 def without_mechanism(fit: LawFit, name: str) -> LawFit:
     """Return a fit of the same law in which one parameter has the value at which it has no effect."""
     neutral = fit.law.parameters()[name].neutral

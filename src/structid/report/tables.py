@@ -52,6 +52,16 @@ def in_display_unit(value: float, channel: str) -> str:
     return f"{value / factor(unit):g} {pretty_unit(unit)}".strip()
 
 
+def lines_without_markers(text: str) -> list[str]:
+    """Return one paragraph for each line, without list markers."""
+    return [line.strip().removeprefix("- ").removeprefix("! ") for line in text.splitlines()]
+
+
+def file_name(title: str) -> str:
+    """Return a name for a file from a title, with only letters, digits and underscores."""
+    return "".join(letter if letter.isalnum() else "_" for letter in title)
+
+
 def versions_table(timings: dict[str, float]) -> Rows:
     """Durations of the stages, versions and machine."""
     rows = [

@@ -116,3 +116,11 @@ def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarra
     """Return the tridiagonal stiffness matrix for storey stiffnesses from the ground up."""
     matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
     return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
+
+
+def natural_frequencies(
+    stiffness: Float[np.ndarray, " storey"], mass: Float[np.ndarray, " storey"]
+) -> Float[np.ndarray, " storey"]:
+    """Return the natural frequencies [Hz] for storey stiffnesses and floor masses, in ascending order."""
+    matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))

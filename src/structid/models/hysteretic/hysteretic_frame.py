@@ -10,19 +10,25 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.channels import check_channels
-from structid.core.errors import InputError, check_choice, suggestion
+from structid.core.errors import InputError, suggestion
 from structid.core.hashing import digest
-from structid.core.keys import Fraction, quantity
+from structid.core.keys import Fraction
 from structid.core.units import to_si
 from structid.core.validation import check_arguments
 from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.time_loop import TimeLoop
-from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.ground_motion.excitation import Excitation
 from structid.mechanics.hysteretic_laws.base import HystereticLaw, LawParameter
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
 from structid.models.derived_quantity import DerivedQuantity
-from structid.models.hysteretic.frame_equations import stiffness_matrix
+from structid.models.hysteretic.frame_equations import natural_frequencies
+from structid.models.hysteretic.frame_settings import (
+    check_damping,
+    check_frame_excitation,
+    loop_channels_of_storeys,
+    one_or_each,
+)
 from structid.models.hysteretic.hysteretic_parameters import DEFAULT_SUBSTEPS, check_free
 from structid.models.hysteretic.law_frame import LawFrame
 from structid.models.hysteretic.law_values import (
@@ -159,15 +165,15 @@ class HystereticFrame(TraceableModel):
 
     def _numbered(self, given: Mapping[str, Any]) -> dict[str, float]:
         """Return the given values of the laws in SI by their numbered names."""
-        described, values = self._described, {}
+        described, plain_names, values = self._described, self._plain_names, {}
         # Numbered names come last: they override plain ones.
-        for name, value in sorted(given.items(), key=lambda item: item[0] not in self._plain_names):
+        for name, value in sorted(given.items(), key=lambda item: item[0] not in plain_names):
             where = f"HystereticFrame.values['{name}']"
             if name not in described or name.startswith("mass") or name == "damping_ratio":
                 allowed = [n for n in described if not n.startswith("mass") and n != "damping_ratio"]
                 raise InputError(where, "no storey has this parameter", ", ".join(allowed), suggestion(name, allowed))
-            storeys = self._storeys_with(name) if name in self._plain_names else [int(name.rpartition("_")[2])]
-            plain = name if name in self._plain_names else name.rpartition("_")[0]
+            storeys = self._storeys_with(name) if name in plain_names else [int(name.rpartition("_")[2])]
+            plain = name if name in plain_names else name.rpartition("_")[0]
             each: list[Any] = [value] * len(storeys) if isinstance(value, str) or np.ndim(value) == 0 else list(value)
             if len(each) != len(storeys):
                 raise InputError(where, f"{len(each)} values", f"one value, or {len(storeys)}: one for each storey")
@@ -227,15 +233,7 @@ class HystereticFrame(TraceableModel):
             float(self.damping_ratio),
             MODEL_PARAMETERS["damping_ratio"],
         )
-        count = len(self.laws)
-        if isinstance(self.damping, str):
-            check_choice("HystereticFrame.damping", self.damping, ("modal", "rayleigh"))
-        elif np.shape(self.damping) != (count, count):
-            raise InputError(
-                "HystereticFrame.damping", f"an array of shape {np.shape(self.damping)}", f"({count}, {count})"
-            )
-        if self.rayleigh_mode < 1:
-            raise InputError("HystereticFrame.rayleigh_mode", f"{self.rayleigh_mode}", "a mode number of 1 or more")
+        check_damping("HystereticFrame", self.damping, self.rayleigh_mode, len(self.laws))
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -268,11 +266,7 @@ class HystereticFrame(TraceableModel):
         """Return the natural frequencies of the initial stiffness in ascending order [Hz]."""
         laws, mass, _ = self._values(np.asarray(theta))
         stiffness = np.stack([np.broadcast_to(law.stiffness, len(theta)) for law in laws], axis=1)
-        squares = [
-            np.linalg.eigvalsh(stiffness_matrix(k) / np.sqrt(np.outer(m, m)))
-            for k, m in zip(stiffness, mass.T, strict=True)
-        ]
-        return np.sqrt(np.array(squares)) / (2.0 * np.pi)
+        return np.array([natural_frequencies(k, m) for k, m in zip(stiffness, mass.T, strict=True)])
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
         """Return the yield drift of every storey that yields; see `Model.derived_quantities`."""
@@ -287,11 +281,7 @@ class HystereticFrame(TraceableModel):
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and imposed displacements."""
-        check_one_signal("HystereticFrame", excitation)
-        if excitation.kind == "displacement":
-            raise InputError(
-                "HystereticFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
-            )
+        check_frame_excitation("HystereticFrame", excitation)
 
     def check_priors(self, space: ParameterSpace) -> None:
         """Refuse priors with a wrong unit or with impossible values; see `Model.check_priors`."""
@@ -310,7 +300,7 @@ class HystereticFrame(TraceableModel):
     @property
     def loop_channels(self) -> dict[str, tuple[str, str, str]]:
         """Drift, shear and absorbed energy of every storey."""
-        return {f"storey {j}": (f"drift_{j}", f"restoring_force_{j}", f"absorbed_energy_{j}") for j in self._numbers}
+        return loop_channels_of_storeys(self._numbers)
 
     @property
     def kind_in_words(self) -> str:
@@ -354,21 +344,15 @@ def _unit(name: str, given: Mapping[str, Any], unknown: Any) -> str | None:
     return PARAMETER_UNITS.get(name, PARAMETER_UNITS.get(plain) if number.isdigit() else None)
 
 
-def _one_or_each(unit: str) -> Any:
-    """Type of a key with one number, or one number for each storey whose law has the parameter."""
-    one: Any = quantity(unit)
-    return one | tuple.__class_getitem__((one, ...))
-
-
 OF_LAWS = {name: unit for name, unit in PARAMETER_UNITS.items() if name not in MODEL_PARAMETERS}
 """SI unit of every parameter of the laws."""
 
 KIND = ModelKind(
     word="hysteretic_frame",
     keys={
-        **{name: (_one_or_each(unit), None) for name, unit in OF_LAWS.items()},
+        **{name: (one_or_each(unit), None) for name, unit in OF_LAWS.items()},
         "laws": (tuple.__class_getitem__((Literal[tuple(LAWS)], ...)), ...),
-        "mass": (_one_or_each("kg"), None),
+        "mass": (one_or_each("kg"), None),
         "damping_ratio": (Fraction, None),
         "damping": (Literal["modal", "rayleigh"], "modal"),
         "rayleigh_mode": (int, 3),

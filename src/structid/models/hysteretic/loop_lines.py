@@ -15,8 +15,7 @@ import scipy.optimize
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
 from structid.core.validation import check_arguments, real_array
-from structid.data_files.read_file import read_table
-from structid.data_files.tables.pick_column import values_of_column
+from structid.data_files.loop_columns import read_loop_columns
 from structid.probability.marginals import LogNormal
 from structid.probability.truncation import Marginal
 
@@ -178,10 +177,8 @@ class LoopLines(ShownAsText):
         InputError
             If the file cannot be read, or the lines cannot be fitted.
         """
-        table = read_table(path)
-        displacement = values_of_column(table, displacement_column, displacement_unit, "m")
-        force = values_of_column(table, force_column, force_unit, "N")
-        return cls.fit(displacement, force, elastic, yielded)
+        columns = read_loop_columns(path, displacement_unit, force_unit, displacement_column, force_column)
+        return cls.fit(*columns, elastic, yielded)
 
     @property
     def alpha(self) -> float:

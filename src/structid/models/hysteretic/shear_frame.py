@@ -9,17 +9,23 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from structid.core.channels import check_channels
-from structid.core.errors import InputError, check_choice
+from structid.core.errors import InputError
 from structid.core.hashing import digest
-from structid.core.keys import Fraction, quantity
+from structid.core.keys import Fraction
 from structid.core.validation import check_arguments
 from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.time_loop import TimeLoop
-from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.ground_motion.excitation import Excitation
 from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.models.derived_quantity import DerivedQuantity
-from structid.models.hysteretic.frame_equations import FrameEquations, stiffness_matrix
+from structid.models.hysteretic.frame_equations import FrameEquations, natural_frequencies
+from structid.models.hysteretic.frame_settings import (
+    check_damping,
+    check_frame_excitation,
+    loop_channels_of_storeys,
+    one_or_each,
+)
 from structid.models.hysteretic.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
     LATER_TERMS,
@@ -171,12 +177,7 @@ class ShearFrame(TraceableModel):
         check_value(
             "ShearFrame.damping_ratio", "damping_ratio", finite_number("ShearFrame.damping_ratio", self.damping_ratio)
         )
-        if isinstance(self.damping, str):
-            check_choice("ShearFrame.damping", self.damping, ("modal", "rayleigh"))
-        elif np.shape(self.damping) != (self.storeys, self.storeys):
-            raise InputError(
-                "ShearFrame.damping", f"an array of shape {np.shape(self.damping)}", f"({self.storeys}, {self.storeys})"
-            )
+        check_damping("ShearFrame", self.damping, self.rayleigh_mode, self.storeys)
 
     @property
     def _numbers(self) -> range:
@@ -234,8 +235,6 @@ class ShearFrame(TraceableModel):
                 "zeta0 without p, psi0 and lambda_",
                 "positive p, psi0 and lambda_ if zeta0 is not 0",
             )
-        if self.rayleigh_mode < 1:
-            raise InputError("ShearFrame.rayleigh_mode", f"{self.rayleigh_mode}", "a mode number of 1 or more")
 
     def _named(self, name: str) -> bool:
         """Whether a parameter is given, for all storeys or for one storey."""
@@ -285,7 +284,7 @@ class ShearFrame(TraceableModel):
         """Return the lowest frequency of the initial stiffness; see `Model.natural_frequency`."""
         values, shape = self._values(theta), (self.storeys, len(theta))
         mass, stiffness = (np.broadcast_to(values[name], shape).T for name in ("mass", "stiffness"))
-        return np.array([_frequencies(k, m)[0] for k, m in zip(stiffness, mass, strict=True)])
+        return np.array([natural_frequencies(k, m)[0] for k, m in zip(stiffness, mass, strict=True)])
 
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
         """Return yield drift and yield force of every storey; see `Model.derived_quantities`."""
@@ -300,11 +299,7 @@ class ShearFrame(TraceableModel):
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and imposed displacements."""
-        check_one_signal("ShearFrame", excitation)
-        if excitation.kind == "displacement":
-            raise InputError(
-                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
-            )
+        check_frame_excitation("ShearFrame", excitation)
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
         """Return the loop over the record; see `TraceableModel.time_loop`."""
@@ -342,7 +337,7 @@ class ShearFrame(TraceableModel):
     @property
     def loop_channels(self) -> dict[str, tuple[str, str, str]]:
         """Drift, shear and absorbed energy of every storey."""
-        return {f"storey {j}": (f"drift_{j}", f"restoring_force_{j}", f"absorbed_energy_{j}") for j in self._numbers}
+        return loop_channels_of_storeys(self._numbers)
 
     @property
     def kind_in_words(self) -> str:
@@ -373,19 +368,13 @@ class ShearFrame(TraceableModel):
             )
         mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
-        return _frequencies(stiffness, mass)
+        return natural_frequencies(stiffness, mass)
 
     def __str__(self) -> str:
         free = f", free: {', '.join(self.free)}" if self.free else ""
         if any(n.startswith(("mass", "stiffness")) for n in self.free):
             return f"ShearFrame: {self.storeys} storeys{free}"
         return f"ShearFrame: {self.storeys} storeys, f {', '.join(f'{f:.4g}' for f in self.frequencies())} Hz{free}"
-
-
-def _frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return the natural frequencies [Hz] for storey stiffnesses and floor masses, in ascending order."""
-    matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
-    return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
 
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
@@ -395,16 +384,10 @@ def _parameters(given: Mapping[str, Any]) -> list[str]:
     return ["damping_ratio", *STOREY_PARAMETERS, *numbered]
 
 
-def _per_storey(unit: str) -> Any:
-    """Return the type of a key that has one number for all storeys, or one number for each storey."""
-    one: Any = quantity(unit)
-    return one | tuple.__class_getitem__((one, ...))
-
-
 KIND = ModelKind(
     word="shear_frame",
     keys={
-        **{name: (_per_storey(PARAMETER_UNITS[name]), None) for name in STOREY_PARAMETERS},
+        **{name: (one_or_each(PARAMETER_UNITS[name]), None) for name in STOREY_PARAMETERS},
         "storeys": (int, ...),
         "damping_ratio": (Fraction, None),
         "damping": (Literal["modal", "rayleigh"], "modal"),

@@ -10,20 +10,15 @@ from pydantic import Field
 
 from structid.core.keys import FileTable, Fraction, quantity
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.static_tables import RecordTable
+from structid.study.schema.static_tables import LoopColumnsTable, RecordTable
 from structid.study.schema.study_file import study_content
 
 Kilograms: Any = quantity("kg")
 
 
-class MeasuredTestTable(FileTable):
+class MeasuredTestTable(LoopColumnsTable):
     """Columns of displacement and force; see `CyclicTest.read`."""
 
-    file: str
-    displacement_unit: str
-    force_unit: str
-    displacement_column: int | str = 0
-    force_column: int | str = 1
     missing: Literal["refuse", "leave_out"] = "refuse"
 
 

@@ -72,14 +72,19 @@ class PriorTable(FileTable):
     b: float | None = None
 
 
-class LoopTable(FileTable):
-    """A measured force-displacement loop from which priors of stiffness and alpha are derived; see `LoopLines`."""
+class LoopColumnsTable(FileTable):
+    """A file with columns of displacement and force."""
 
     file: str
     displacement_unit: str
     force_unit: str
     displacement_column: int | str = 0
     force_column: int | str = 1
+
+
+class LoopTable(LoopColumnsTable):
+    """A measured force-displacement loop from which priors of stiffness and alpha are derived; see `LoopLines`."""
+
     elastic: Annotated[Fraction, Field(gt=0, lt=1)] = 0.1
     yielded: Annotated[Fraction, Field(gt=0, lt=1)] = 0.75
 

@@ -7,14 +7,13 @@ from functools import partial
 from structid.figures import cyclic_test as figure
 from structid.report.material.cyclic_material import CyclicMaterial, PredictedResponse
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.report.tables import number
+from structid.report.tables import file_name, number
 
 
 def _draw(name: str, response: PredictedResponse) -> Picture:
     low, high = (1e3 * edge for edge in response.band(0))
-    key = "".join(c if c.isalnum() else "_" for c in name)
     caption = f"{name}: displacement of the mass, band of the draws from 5 to 95 %."
-    return Picture(f"response_{key}", caption, figure.response_band(response.time, low, high))
+    return Picture(f"response_{file_name(name)}", caption, figure.response_band(response.time, low, high))
 
 
 def _drawings(material: CyclicMaterial) -> list[Drawing]:

@@ -10,14 +10,13 @@ from structid.figures import cyclic_test as figure
 from structid.law_choice.extrapolation import CyclicPrediction
 from structid.report.material.cyclic_material import CyclicMaterial
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.report.tables import number
+from structid.report.tables import file_name, number
 
 
 def _draw(name: str, prediction: CyclicPrediction) -> Picture:
     low, high = (1e-3 * edge for edge in prediction.band())
     drawn = figure.predicted_force(1e3 * prediction.test.displacement, None, 1e-3 * prediction.mean, (low, high), 0)
-    key = "".join(c if c.isalnum() else "_" for c in name)
-    return Picture(f"path_{key}", f"{name}: predicted force, with a band that holds it with 90 %.", drawn)
+    return Picture(f"path_{file_name(name)}", f"{name}: predicted force, with a band that holds it with 90 %.", drawn)
 
 
 def _drawings(material: CyclicMaterial) -> list[Drawing]:

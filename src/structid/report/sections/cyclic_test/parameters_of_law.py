@@ -10,14 +10,11 @@ from structid.figures import posterior as figures
 from structid.figures.style import pretty, pretty_unit
 from structid.report.material.cyclic_material import CyclicMaterial
 from structid.report.section import NEAREST, Drawing, Picture, Section, Table
-from structid.report.tables import number
+from structid.report.tables import lines_without_markers, number
 
 
 def _words(material: CyclicMaterial) -> list[str]:
-    lines = [
-        line.strip().removeprefix("- ").removeprefix("! ")
-        for line in str(material.choice.result.verdict()).splitlines()
-    ]
+    lines = lines_without_markers(str(material.choice.result.verdict()))
     return [
         "The model itself was sampled. No surrogate was used, so no certificate is needed.",
         *lines,

@@ -12,7 +12,7 @@ from structid.figures import loops as loop_figure
 from structid.figures.style import pretty, pretty_unit
 from structid.report.material.programme_material import BAND, Learnt, ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.report.tables import number
+from structid.report.tables import lines_without_markers, number
 
 
 def _words(material: ProgrammeMaterial) -> list[str]:
@@ -28,17 +28,12 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     sentences = [
         f"The measured displacements of test {learnt.from_test} and of the tests before it were imposed on the model. The "
         f"likelihood compares model forces and measured forces ({learnt.observation.values.size:,} values). {how}",
-        *([] if calibration is None else _lines(str(calibration.certificate))),
-        *_lines(str(verdict)),
+        *([] if calibration is None else lines_without_markers(str(calibration.certificate))),
+        *lines_without_markers(str(verdict)),
     ]
     if learnt.prediction is not None:
         sentences += learnt.prediction.sentences
     return sentences
-
-
-def _lines(text: str) -> list[str]:
-    """One paragraph for each line, without list markers."""
-    return [line.strip().removeprefix("- ").removeprefix("! ") for line in text.splitlines()]
 
 
 def _tables(material: ProgrammeMaterial) -> list[Table]:
