@@ -55,6 +55,7 @@ _PUBLIC = {
     "MasonryWall": "models.masonry.masonry_wall",
     "Matern32": "inference.error_models.kernels",
     "Memory": "surrogates.narx.structure.terms",
+    "MotionTest": "law_choice.motion_test",
     "NARX": "surrogates.narx.narx",
     "NUTS": "inference.sampling.nuts",
     "Normal": "probability.marginals",

@@ -62,6 +62,7 @@ from structid.inference.target import LogDensity as LogDensity
 from structid.inference.validation.simulation_based_calibration import sbc as sbc
 from structid.law_choice.choose_model import choose_model as choose_model
 from structid.law_choice.cyclic_test import CyclicTest as CyclicTest
+from structid.law_choice.motion_test import MotionTest as MotionTest
 from structid.models.external.callable import CallableModel as CallableModel
 from structid.models.external.program import OutputFile as OutputFile
 from structid.models.external.program import ProgramModel as ProgramModel

@@ -43,7 +43,7 @@ def test_the_lowest_of_many_minima_is_found():
     minima = minima_from_many_starts(residuals, 2, np.random.default_rng(1))
     assert minima[0].x == pytest.approx([0.5, 1.0], abs=0.05)
     assert minima[-1].value >= minima[0].value
-    assert minima[0].mean_square == pytest.approx(0.5 * 0.2**2, rel=0.05)
+    assert minima[0].mean_squares[0] == pytest.approx(0.5 * 0.2**2, rel=0.05)
 
 
 @pytest.mark.parametrize(("errors", "within"), [(IID(), 0.5), (AR1(white=0.0), 2.0)])
@@ -77,7 +77,7 @@ def test_errors_with_a_correlation_are_recognised():
     law = law_of("test", "bilinear")
     test = virtual("bilinear", hardening=0.05, correlation=0.7)
     independent, correlated = (fitted(test, law, errors) for errors in (IID(), AR1(white=0.0)))
-    assert correlated.correlation == pytest.approx(0.7, abs=0.12)
+    assert correlated.correlations[0] == pytest.approx(0.7, abs=0.12)
     assert correlated.log_evidence > independent.log_evidence + 50.0
 
 

@@ -70,7 +70,8 @@ def test_stored_fits_give_the_same_choice(choice, tmp_path, monkeypatch):
     def refuse(*args, **settings):
         raise AssertionError("a stored fit was computed again")
 
-    monkeypatch.setattr("structid.law_choice.choose_model.search_law", refuse)
+    monkeypatch.setattr("structid.law_choice.law_comparison.search_law", refuse)
+    monkeypatch.setattr("structid.law_choice.law_comparison.refine_law", refuse)
     monkeypatch.setattr("structid.law_choice.choose_model.refine_law", refuse)
     again = si.choose_model(choice.test, LAWS, seed=1, folder=tmp_path)
     np.testing.assert_array_equal(again.result.history, choice.result.history)

@@ -30,7 +30,7 @@ NOT_CONVERGED = 3
 SILENCE = 30.0
 """Interval [s] between the status lines of a long stage if the output is not a terminal."""
 
-LOGGED = ("calibration", "inference")
+LOGGED = ("calibration", "inference", "law_choice")
 """Loggers whose messages are shown during a run."""
 
 screen = Console(highlight=False)
@@ -162,7 +162,7 @@ def finish(outcome: StudyOutcome) -> None:
 def finish_cyclic_test(outcome: CyclicOutcome) -> None:
     """Print the choice of the law of a cyclic test; exit with `NOT_CONVERGED` if the draws have not converged."""
     screen.print()
-    for question in outcome.choice.test.questions:
+    for question in outcome.choice.cyclic_test.questions:
         print_plainly(f"? {question}", style="bold red")
     print_plainly(f"{outcome.choice}\n")
     print_plainly(str(outcome.choice.result.summary()))
@@ -177,12 +177,15 @@ def _print_posterior(outcome: StudyOutcome, result: SamplingResult) -> None:
     """Print the summary, the error model, the certificate and the verdict."""
     from structid.calibration.calibration_result import CalibrationResult
     from structid.inference.error_model_choice import ErrorModelChoice
+    from structid.law_choice.law_comparison import LawComparison
     from structid.report.page_summary import page_summary
 
     assert outcome.material is not None
     print_plainly(f"{page_summary(outcome.material)}\n")
     choice, calibration = outcome.results.get(ErrorModelChoice), outcome.results.get(CalibrationResult)
     verdict = result.verdict()
+    if (laws := outcome.results.get(LawComparison)) is not None:
+        print_plainly(f"{laws}\n")
     if choice is not None:
         print_plainly(f"{choice.sentence}\n")
     trusted = "green" if outcome.trusted else "bold red"

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from structid.core.errors import InputError
-from structid.core.notebook import ShownAsText
+from structid.core.hashing import digest
 from structid.core.validation import check_arguments, real_array
 from structid.data_files.loop_columns import read_loop_columns
 from structid.ground_motion.excitation import DisplacementHistory
 from structid.law_choice.cycles import Cycles, cycle_ends, cycles_along
+from structid.law_choice.specimen_test import Residuals, SensorValues, SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.default_priors import scaled
+from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.models.hysteretic.law_values import MODEL_PARAMETERS
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
@@ -46,11 +48,15 @@ USUAL = 0.99
 """Share of the moves that set the steps of a simulation; longer moves are divided, so that they do not set the steps of all."""
 FEWEST = 20
 """Smallest number of samples of a test."""
+SEARCHED = 600
+"""Number of samples at which laws are searched; all turning points are among them."""
+FIRST_PART = 0.7
+"""Share of the half-cycles from which the others are predicted."""
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class CyclicTest(ShownAsText):
+class CyclicTest(SpecimenTest):
     """Displacement and force of a quasi-static cyclic test.
 
     Parameters
@@ -76,6 +82,9 @@ class CyclicTest(ShownAsText):
     >>> print(test)
     CyclicTest elastic: 400 samples, 4 half-cycles, ±18.7 mm, ±37.4 kN, initial stiffness 2 kN/mm
     """
+
+    quantity: ClassVar[str] = "the force"
+    course: ClassVar[str] = "half-cycles"
 
     displacement: np.ndarray = field(repr=False)
     force: np.ndarray = field(repr=False)
@@ -378,20 +387,57 @@ class CyclicTest(ShownAsText):
         priors = {name: p for name, p in described.items() if name not in known}
         return ParameterSpace({n: scaled(p.prior, *scales[p.unit]) for n, p in priors.items() if p.prior is not None})
 
-    def unexplained(self, force: Float[np.ndarray, " time"]) -> float:
-        """Return the part of the force's variance that a model leaves unexplained, Σ(f − f̂)²/Σ(f − f̄)².
+    # --- as the choice of a law uses it; see `SpecimenTest` -----------------------------------------------------
+
+    @cached_property
+    def sensors(self) -> tuple[SensorValues, ...]:
+        """The force; its gaps are counted along `path`."""
+        return (SensorValues(self.force, np.diff(self.rows)),)
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """The observation of the force."""
+        return (self.observation,)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of displacement and force."""
+        return digest([self.displacement, self.force])
+
+    def model(self, law: HystereticLaw, free: Sequence[str]) -> Hysteretic:
+        """Return the spring under imposed displacements.
 
         Parameters
         ----------
-        force : ndarray, shape (time,)
-            Force of the model [N].
+        law : HystereticLaw
+            The law.
+        free : sequence of str
+            Its free parameters.
 
         Returns
         -------
-        float
-            Residual variance over the variance of the measured force.
+        Hysteretic
+            The model.
         """
-        return float(np.sum((self.force - force) ** 2) / np.sum((self.force - self.force.mean()) ** 2))
+        return Hysteretic(law, free=tuple(free), channels=("restoring_force",))
+
+    def residuals(self, law: HystereticLaw, space: ParameterSpace, finer: int = 1) -> Residuals:
+        """Return the errors of the force as a function of the parameters; see `SpecimenTest.residuals`."""
+        model = self.model(law, space.names)
+        # Only distant samples are divided: that takes fewer steps than as many for every sample.
+        path, rows = self.divided(law.accurate_move / finer)
+        return lambda theta: self.force - model.simulate(theta, path).values[:, rows, 0]
+
+    @cached_property
+    def searched(self) -> CyclicTest:
+        """The test at fewer samples."""
+        return self.thinned(SEARCHED)
+
+    @cached_property
+    def first(self) -> CyclicTest | None:
+        """The first half-cycles."""
+        end = self.until(FIRST_PART)
+        return None if end == len(self.force) else self.part(slice(0, end))
 
     def __str__(self) -> str:
         return (

@@ -21,8 +21,6 @@ from structid.core.streams import Purpose, stream
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.law_choice.law_fit import LawFit
 
-FIRST_PART = 0.7
-"""Share of the half-cycles from which the others are predicted."""
 ORIGINS = (0.4, 0.55)
 """Shares of the half-cycles from which the rest of the first part is predicted."""
 GROWTH = 1.0
@@ -106,19 +104,23 @@ class LawOnParts:
         rng = stream(0, Purpose.HYSTERETIC_LAW)
         return [(fit.force(self.test), fit.forces_of_draws(self.test, SPREAD_DRAWS, rng)) for fit in self.fits]
 
+    def samples(self, place: int) -> int:
+        """Return the number of samples to which one fit was made."""
+        return len(self.fits[place].test.scales)
+
     def sd(self, place: int) -> float:
         """Return the standard deviation of the errors of one fit, at its own data [N]."""
-        fit, force = self.fits[place], self._forces[place][0]
-        return float(np.sqrt(np.mean((fit.test.force - force[: len(fit.test.force)]) ** 2)))
+        error = (self.test.force - self._forces[place][0])[: self.samples(place)]
+        return float(np.sqrt(np.mean(error**2)))
 
     def trials(self, last: int) -> list[_Trial]:
         """Return the predictions by all earlier fits, up to the end of one fit's data."""
-        end, trials = len(self.fits[last].test.force), []
-        for place, fit in enumerate(self.fits[:last]):
-            start, sd, (force, draws) = len(fit.test.force), self.sd(place), self._forces[place]
+        end, trials = self.samples(last), []
+        for place in range(len(self.fits[:last])):
+            start, sd, (force, draws) = self.samples(place), self.sd(place), self._forces[place]
             part = slice(start, end)
             turns = self.test.turns[(self.test.turns > start) & (self.test.turns < end)] - start
-            distance = distance_beyond(self.test.displacement[:end], fit.test.displacement)[part]
+            distance = distance_beyond(self.test.displacement[:end], self.test.displacement[:start])[part]
             spread = draws[:, part].std(axis=0) if len(draws) else np.zeros(end - start)
             error = (self.test.force - force)[part] / sd
             trials.append(_Trial(distance, error, spread / sd, list(turns), sd))
@@ -158,7 +160,7 @@ class LawOnParts:
         if not np.isfinite(forces).all():
             raise ConvergenceError(f"The runs of the law {fit.law.word} fail along the path. Check its displacements.")
         growth = self.growth(last) * np.exp(GROWTH_SD * rng.normal(size=(count, 2)))
-        distance = distance_beyond(along.displacement, fit.test.displacement)
+        distance = distance_beyond(along.displacement, self.test.displacement[: self.samples(last)])
         sd = self.sd(last) * (1.0 + growth @ distance.T)
         return np.asarray(forces[rng.integers(0, len(forces), count)] + sd * rng.normal(size=sd.shape))
 
@@ -231,4 +233,4 @@ def average_prediction(
                 draws.append(law.draws(last, along, int(number), rng))
     if not draws:
         raise ConvergenceError("The runs of every law fail along the path. Check its displacements.")
-    return CyclicPrediction(along, len(laws[0].fits[last].test.force), np.concatenate(draws))
+    return CyclicPrediction(along, laws[0].samples(last), np.concatenate(draws))

@@ -1,16 +1,16 @@
-"""Fit of one hysteretic law to a cyclic test under one error model: the best parameters, and the evidence."""
+"""Fit of one hysteretic law to a test of a specimen under one error model: the best parameters, and the evidence."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import scipy.special
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from structid.core.streams import Purpose, derived_seed, stream
 from structid.inference.error_models.base import ErrorModel
@@ -22,13 +22,12 @@ from structid.inference.sampling.smc.reference_density import FromReference
 from structid.inference.sampling.smc.smc import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.law_choice.cyclic_test import CyclicTest
+from structid.law_choice.specimen_test import SensorValues, SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.optimize.many_starts import FARTHEST, Minimum, minima_from_many_starts, refined
 from structid.probability.space import ParameterSpace
 
-SEARCHED = 600
-"""Number of samples at which laws are searched; all turning points are among them."""
 STARTS = {True: 64, False: 24}
 """Number of searches, for fast laws and for the others; they begin at the best of eight times as many draws."""
 REFINED = 4
@@ -41,6 +40,8 @@ NEARBY = 0.3
 """Spread of further starts around a minimum, in standard deviations of the prior."""
 ROUNDS = 3
 """Rounds in which the correlation of the errors and the parameters are estimated in turn."""
+WHITE = 0.2
+"""Correlation of neighbouring errors below which they are noise of a sensor."""
 CORRELATIONS = 1e-3, 0.9999
 """Smallest and largest correlation of neighbouring errors."""
 SAMPLERS = {
@@ -72,43 +73,68 @@ class LawFit:
         Error model.
     minimum : Minimum
         The largest posterior density, in standard-normal coordinates of the prior.
-    correlation : float
-        Correlation of neighbouring errors; zero for independent errors.
+    correlations : tuple of float
+        Correlation of neighbouring errors of every sensor; zero for independent errors.
     known : tuple of str
         Parameters of the law that are not fitted.
     """
 
     law: HystereticLaw
-    test: CyclicTest
+    test: SpecimenTest
     errors: ErrorModel
     minimum: Minimum = field(repr=False)
-    correlation: float
+    correlations: tuple[float, ...]
     known: tuple[str, ...] = ()
 
     @cached_property
     def posterior(self) -> Posterior:
-        """The posterior of the parameters, the force offset and the parameters of the errors."""
-        return Posterior(self._space, self.model, self.test.observation, discrepancy=self.errors)
+        """The posterior of the parameters of the law, of the sensors and of the errors."""
+        return self.test.posterior(self.law, self.known, self.errors)
 
     @cached_property
     def _space(self) -> ParameterSpace:
-        return self.test.priors(self.law, self.known)
+        """Priors of the fitted parameters: those of the law, then those of the sensors."""
+        return self.test.unknowns(self.law, self.known)
 
-    @cached_property
+    @property
     def model(self) -> Hysteretic:
-        """The model with the fitted parameters of the law and the force offset free."""
-        return Hysteretic(self.law, free=self._space.names, channels=("restoring_force",))
+        """The model with the fitted parameters of the law free."""
+        model = self.posterior.model
+        assert isinstance(model, Hysteretic)
+        return model
+
+    @property
+    def correlated(self) -> bool:
+        """Whether the errors of neighbouring values are correlated."""
+        return any(self.correlations)
 
     @cached_property
     def best(self) -> Float[np.ndarray, " parameter"]:
         """The parameters of largest posterior density, in SI."""
         return np.asarray(_theta_of(self._space, self.minimum.x[None])[0])
 
-    def force(self, test: CyclicTest | None = None) -> Float[np.ndarray, " time"]:
-        """Return the force of the best parameters under the displacements of a test, by default the fitted one."""
-        along = test or self.test
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Names of the fitted parameters."""
+        return self._space.names
+
+    def residuals(self, test: SpecimenTest) -> Float[np.ndarray, " value"]:
+        """Return the residuals of the best parameters in a test of the same specimen, not finite if the run fails."""
         for finer in FINER:
             # Parameters from a part of a test may need shorter steps for the rest of it.
+            residuals = np.asarray(test.residuals(self.law, self._space, finer)(self.best[None])[0])
+            if np.isfinite(residuals).all():
+                break
+        return residuals
+
+    @cached_property
+    def unexplained(self) -> float:
+        """Residual variance of the best parameters over the variance of the measured values."""
+        return self.test.unexplained(self.residuals(self.test))
+
+    def force(self, along: CyclicTest) -> Float[np.ndarray, " time"]:
+        """Return the force of the best parameters under the displacements of a cyclic test [N]."""
+        for finer in FINER:
             model = replace(self.model, substeps=finer * self.model.substeps)
             run = model.simulate(self.best[None], along.path)
             if run.done[0]:
@@ -131,26 +157,30 @@ class LawFit:
 
         log Z ≈ log L − ½ |x|² − ½ log det(JᵀJ/s² + 1) + log p(ε) + ½ log((2π)^e det C)
         """
-        count, minimum = len(self.test.force), self.minimum
-        log_likelihood = -minimum.value - 0.5 * count * (np.log(2.0 * np.pi) + 1.0)
-        log_likelihood += 0.5 * np.log1p(-(self.correlation**2))
-        if self.correlation:
-            log_likelihood += np.log(_relative_sd(self.correlation, np.diff(self.test.rows))).sum()
-        marginals = self.posterior.space.marginals
-        errors = [
-            float(marginals[name].log_density(np.array([value]))[0]) + np.log(value)
-            for name, value in self._error_parameters.items()
-        ]
-        volume = 0.5 * np.linalg.slogdet(2.0 * np.pi * self._covariance_of_errors())[1]
-        return float(log_likelihood - 0.5 * np.linalg.slogdet(minimum.curvature)[1] + sum(errors) + volume)
+        log_likelihood, marginals = -self.minimum.value, self.posterior.space.marginals
+        errors = volume = 0.0
+        for sensor in self._sensors:
+            count, rho = len(sensor.values.values), sensor.correlation
+            log_likelihood -= 0.5 * count * (np.log(2.0 * np.pi) + 1.0)
+            if rho:
+                log_likelihood += 0.5 * np.log1p(-(rho**2)) + np.log(_relative_sd(rho, sensor.values.gaps)).sum()
+            volume += 0.5 * np.linalg.slogdet(2.0 * np.pi * sensor.covariance_of_errors)[1]
+            for name, value in sensor.error_parameters.items():
+                errors += float(marginals[name].log_density(np.array([value]))[0]) + np.log(value)
+        return float(log_likelihood - 0.5 * np.linalg.slogdet(self.minimum.curvature)[1] + errors + volume)
 
-    @property
-    def _error_parameters(self) -> dict[str, float]:
-        """Return σ², and the correlation time τ of correlated errors; the samples of a test are 1 s apart, whatever its rate."""
-        variance = self.minimum.mean_square / (1.0 - self.correlation**2)
-        if not self.correlation:
-            return {"sigma2": variance}
-        return {"sigma2": variance, "correlation_time": -1.0 / float(np.log(self.correlation))}
+    @cached_property
+    def _sensors(self) -> tuple[_FittedSensor, ...]:
+        return tuple(
+            _FittedSensor(values, float(square), rho, bound.observation.step, bound.labels)
+            for values, square, rho, bound in zip(
+                self.test.sensors,
+                self.minimum.mean_squares,
+                self.correlations,
+                self.posterior.likelihood.of,
+                strict=True,
+            )
+        )
 
     def sampled(self, seed: int, store: Path | None = None) -> SamplingResult:
         """Return draws of the posterior, or stored draws, from tempering runs that begin at a reference density.
@@ -178,34 +208,61 @@ class LawFit:
 
     def _mode(self) -> Mode:
         """Return the best fit and its spread in the unconstrained coordinates of the posterior."""
-        posterior, names = self.posterior, self.model.free
-        rest = [self._error_parameters[name] for name in posterior.names[len(names) :]]
-        theta = np.append(self.best, rest)
+        posterior, names = self.posterior, list(self.posterior.names)
+        fitted = [names.index(name) for name in self._space.names]
+        theta, logarithmic = np.empty(len(names)), np.zeros((len(names), len(names)))
+        theta[fitted] = self.best
+        for sensor in self._sensors:
+            places = [names.index(name) for name in sensor.error_parameters]
+            theta[places] = list(sensor.error_parameters.values())
+            logarithmic[np.ix_(places, places)] = sensor.covariance_of_errors
+        errors = [place for place in range(len(names)) if place not in fitted]
         step = 1e-4
-        moved = _theta_of(self._space, self.minimum.x + step * np.eye(len(names)))
+        moved = np.tile(theta, (len(names), 1))
+        moved[: len(fitted), fitted] = _theta_of(self._space, self.minimum.x + step * np.eye(len(fitted)))
+        for row, place in enumerate(errors, start=len(fitted)):
+            moved[row, place] *= 1.0 + step
         middle = posterior.bijection.inverse(theta[None])[0]
-        ends = posterior.bijection.inverse(np.concatenate([moved, np.tile(rest, (len(names), 1))], axis=1))
-        slopes = (ends - middle)[:, : len(names)] / step  # dφ/dx, diagonal for independent priors
-        covariance = slopes.T @ np.linalg.inv(self.minimum.curvature) @ slopes
-        whole = np.zeros((len(theta), len(theta)))
-        whole[: len(names), : len(names)] = covariance
-        # dφ/d log of the error parameters
-        ends = posterior.bijection.inverse(theta * (1.0 + step * np.eye(len(theta))[len(names) :]))
-        scale = np.diag((ends - middle)[:, len(names) :]) / step
-        whole[len(names) :, len(names) :] = scale[:, None] * self._covariance_of_errors() * scale
+        # dφ/dx of the fitted parameters, and dφ/d log of the error parameters
+        slopes = (posterior.bijection.inverse(moved) - middle) / step
+        covariance = np.zeros((len(names), len(names)))
+        covariance[: len(fitted), : len(fitted)] = np.linalg.inv(self.minimum.curvature)
+        covariance[len(fitted) :, len(fitted) :] = logarithmic[np.ix_(errors, errors)]
+        whole = slopes.T @ covariance @ slopes
         factor = WIDER * np.linalg.cholesky(whole + 1e-12 * np.eye(len(theta)))
         return Mode(middle, float(posterior.evaluate(middle[None])[0][0]), factor)
 
-    def _covariance_of_errors(self) -> Float[np.ndarray, "error error"]:
-        """Return the covariance of log σ², and of log τ for correlated errors.
 
-        The innovations' variance σ² (1 − ρ²), ρ = e^(−1/τ), has the relative variance 2/n, and ρ the variance (1 − ρ²)/n. The
+@dataclass(frozen=True)
+class _FittedSensor:
+    """Errors of one sensor in a fit."""
+
+    values: SensorValues
+    mean_square: float  # of the whitened residuals
+    correlation: float  # of neighbouring errors
+    step: float  # time between neighbouring values [s]
+    labels: Mapping[str, str]  # names of the error parameters in the posterior
+
+    @property
+    def error_parameters(self) -> dict[str, float]:
+        """σ², and the correlation time τ of correlated errors, by their names in the posterior."""
+        variance = self.mean_square / (1.0 - self.correlation**2)
+        if not self.correlation:
+            return {self.labels["sigma2"]: variance}
+        time = -self.step / float(np.log(self.correlation))
+        return {self.labels["sigma2"]: variance, self.labels["correlation_time"]: time}
+
+    @property
+    def covariance_of_errors(self) -> Float[np.ndarray, "error error"]:
+        """Covariance of log σ², and of log τ for correlated errors.
+
+        The innovations' variance σ² (1 − ρ²), ρ = e^(−Δt/τ), has the relative variance 2/n, and ρ the variance (1 − ρ²)/n. The
         samples determine the former better, so σ² and τ vary together.
         """
-        count, rho = len(self.test.force), self.correlation
+        count, rho = len(self.values.values), self.correlation
         if not rho:
             return np.array([[2.0 / count]])
-        time = -1.0 / np.log(rho)
+        time = -1.0 / np.log(rho)  # in steps
         of_time = min((1.0 - rho**2) * (time / rho) ** 2 / count, 1.0)
         along = 2.0 * rho**2 / ((1.0 - rho**2) * time)  # d log σ²/d log τ
         return np.array([[2.0 / count + along**2 * of_time, along * of_time], [along * of_time, of_time]])
@@ -217,62 +274,73 @@ def _theta_of(space: ParameterSpace, x: Float[np.ndarray, "run parameter"]) -> F
 
 
 class _Residuals:
-    """Residuals of a law along a test, relative to the largest force, whitened by a correlation."""
+    """Residuals of a law in a test, relative to the largest value of each sensor, whitened by a correlation of each sensor."""
 
     def __init__(
         self,
-        test: CyclicTest,
+        test: SpecimenTest,
         law: HystereticLaw,
-        correlation: float = 0.0,
+        correlations: tuple[float, ...] = (),
         known: Collection[str] = (),
         finer: int = 1,
     ) -> None:
-        self.test, self.correlation = test, correlation
-        self.space = test.priors(law, known)
-        self.model = Hysteretic(law, free=self.space.names, channels=("restoring_force",))
-        # Only distant samples are divided: that takes fewer steps than as many for every sample.
-        self.path, self.rows = test.divided(law.accurate_move / finer)
+        self.test, self.correlations = test, correlations
+        self.space = test.unknowns(law, known)
+        self._in_si = test.residuals(law, self.space, finer)
 
-    def with_correlation(self, correlation: float) -> _Residuals:
-        """Return the same residuals whitened by another correlation; the compiled model serves both."""
+    def with_correlations(self, correlations: tuple[float, ...]) -> _Residuals:
+        """Return the same residuals whitened by other correlations; the compiled model serves both."""
         other = copy.copy(self)
-        other.correlation = correlation
+        other.correlations = correlations
         return other
 
     def __call__(self, x: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, "run value"]:
-        theta = _theta_of(self.space, x)
         with np.errstate(over="ignore", invalid="ignore"):
-            residuals = self.test.force - self.model.simulate(theta, self.path).values[:, self.rows, 0]
-            return self.whitened(residuals / self.test.largest_force)
+            residuals = np.asarray(self._in_si(_theta_of(self.space, x)) / self.test.scales)
+            if not any(self.correlations):
+                return residuals
+            each = zip(self.test.blocks, self.test.sensors, self.correlations, strict=True)
+            return np.concatenate([whitened(residuals[:, b], s.gaps, rho) for b, s, rho in each], axis=1)
 
-    def whitened(self, residuals: Float[np.ndarray, "run value"]) -> Float[np.ndarray, "run value"]:
-        """Return √(1 − ρ²) r_0, r_t − ρ r_(t−1); a sample after g rows of the path has ρᵍ, and the same variance.
+    def refined(self, minima: list[Minimum], count: int, iterations: int) -> list[Minimum]:
+        """Return the minima that searches from some minima reach, the best first."""
+        return refined(self, np.stack([m.x for m in minima[:count]]), iterations, self.test.blocks)
 
-        r_t − ρᵍ r_(t−1) has the variance σ² (1 − ρ²ᵍ).
-        """
-        if not self.correlation:
-            return residuals
-        gaps = np.diff(self.test.rows)
-        first = np.sqrt(1.0 - self.correlation**2) * residuals[:, :1]
-        change = residuals[:, 1:] - self.correlation**gaps * residuals[:, :-1]
-        return np.concatenate([first, change * _relative_sd(self.correlation, gaps)], axis=1)
+
+def whitened(
+    residuals: Float[np.ndarray, "run value"], gaps: Int[np.ndarray, " interval"], correlation: float
+) -> Float[np.ndarray, "run value"]:
+    """Return √(1 − ρ²) r_0, r_t − ρ r_(t−1); a value after g steps has ρᵍ, and the same variance.
+
+    r_t − ρᵍ r_(t−1) has the variance σ² (1 − ρ²ᵍ).
+    """
+    first = np.sqrt(1.0 - correlation**2) * residuals[:, :1]
+    change = residuals[:, 1:] - correlation**gaps * residuals[:, :-1]
+    return np.concatenate([first, change * _relative_sd(correlation, gaps)], axis=1)
 
 
 def _relative_sd(correlation: float, gaps: np.ndarray) -> np.ndarray:
-    """Return √((1 − ρ²)/(1 − ρ²ᵍ)), by which an innovation after g rows is divided."""
+    """Return √((1 − ρ²)/(1 − ρ²ᵍ)), by which an innovation after g steps is divided."""
     return np.sqrt((1.0 - correlation**2) / (1.0 - correlation ** (2 * gaps)))
 
 
-def search_law(test: CyclicTest, law: HystereticLaw, seed: int) -> list[Minimum]:
-    """Return the minima for independent errors at some of the samples, the best first."""
-    coarse = _Residuals(test.thinned(SEARCHED), law)
-    rng = stream(seed, Purpose.HYSTERETIC_LAW)
+def search_law(searched: SpecimenTest, law: HystereticLaw, seed: int, give_up: float = np.inf) -> list[Minimum]:
+    """Return the minima for independent errors, the best first; a search whose values stay above `give_up` ends early."""
+    residuals, rng = _Residuals(searched, law), stream(seed, Purpose.HYSTERETIC_LAW)
     starts = STARTS[law.accurate_move >= FAST]
-    return minima_from_many_starts(coarse, len(coarse.space.names), rng, starts)
+    dimension = len(residuals.space.names)
+    return minima_from_many_starts(residuals, dimension, rng, starts, blocks=searched.blocks, give_up=give_up)
+
+
+def errors_are_white(searched: SpecimenTest, law: HystereticLaw, minimum: Minimum) -> bool:
+    """Whether the residuals at a minimum of a search are noise: neighbours do not share it."""
+    residuals = _Residuals(searched, law)(minimum.x[None])[0]
+    each = zip(searched.blocks, searched.sensors, strict=True)
+    return all(_neighbours(residuals[block], sensor.gaps) < WHITE for block, sensor in each)
 
 
 def refine_law(
-    test: CyclicTest, law: HystereticLaw, minima: list[Minimum], error_models: Sequence[ErrorModel]
+    test: SpecimenTest, law: HystereticLaw, minima: list[Minimum], error_models: Sequence[ErrorModel]
 ) -> list[LawFit]:
     """Refine the best minima of a search at all samples, under every error model; an empty list if every run fails."""
     if not minima:
@@ -280,12 +348,12 @@ def refine_law(
     for finer in FINER:
         # Minima of the search, which has fewer samples, may need shorter steps along all of them.
         whole = _Residuals(test, law, finer=finer)
-        if best := refined(whole, np.stack([m.x for m in minima[:REFINED]]), 10):
+        if best := whole.refined(minima, REFINED, 10):
             break
     else:
         return []
     return [
-        LawFit(law, test, errors, _of_force(best[0], test), 0.0)
+        LawFit(law, test, errors, _in_si(best[0], test), (0.0,) * len(test.sensors))
         if errors.describe()["kind"] == "iid"
         else _with_correlated_errors(whole, law, best, errors)
         for errors in error_models
@@ -293,35 +361,41 @@ def refine_law(
 
 
 def _with_correlated_errors(whole: _Residuals, law: HystereticLaw, best: list[Minimum], errors: ErrorModel) -> LawFit:
-    """Refine minima for independent errors with the correlation of their residuals, in turn."""
-    test, correlation = whole.test, 0.0
+    """Refine minima for independent errors with the correlations of their residuals, in turn."""
+    test = whole.test
+    correlations: tuple[float, ...] = ()
     for _ in range(ROUNDS):
-        correlation = _neighbours(whole(best[0].x[None])[0], np.diff(test.rows))
-        best = refined(whole.with_correlation(correlation), np.stack([m.x for m in best[:REFINED_AGAIN]]), 8)
-    return LawFit(law, test, errors, _of_force(best[0], test), correlation)
+        residuals = whole(best[0].x[None])[0]
+        each = zip(test.blocks, test.sensors, strict=True)
+        correlations = tuple(_neighbours(residuals[block], sensor.gaps) for block, sensor in each)
+        best = whole.with_correlations(correlations).refined(best, REFINED_AGAIN, 8)
+    return LawFit(law, test, errors, _in_si(best[0], test), correlations)
 
 
 def without_mechanism(fit: LawFit, name: str) -> LawFit:
     """Return a fit of the same law in which one parameter has the value at which it has no effect."""
     neutral = fit.law.parameters()[name].neutral
     law = fit.law.with_values({name: neutral})
-    residuals = _Residuals(fit.test, law, fit.correlation, (name,))
-    kept = [other != name for other in fit.model.free]
+    residuals = _Residuals(fit.test, law, fit.correlations, (name,))
+    kept = [other != name for other in fit.fitted]
     start = fit.minimum.x[kept]
     nearby = start + NEARBY * stream(0, Purpose.HYSTERETIC_LAW).normal(size=(REFINED - 1, len(start)))
-    best = refined(residuals, np.concatenate([start[None], nearby]), 12)
-    return LawFit(law, fit.test, fit.errors, _of_force(best[0], fit.test), fit.correlation, (name,))
+    best = refined(residuals, np.concatenate([start[None], nearby]), 12, fit.test.blocks)
+    return LawFit(law, fit.test, fit.errors, _in_si(best[0], fit.test), fit.correlations, (name,))
 
 
-def _neighbours(residuals: Float[np.ndarray, " value"], gaps: np.ndarray) -> float:
+def _neighbours(residuals: Float[np.ndarray, " value"], gaps: Int[np.ndarray, " interval"]) -> float:
     """Return the correlation of neighbouring residuals."""
     near = gaps == 1
     first, second = residuals[:-1][near], residuals[1:][near]
     return float(np.clip(first @ second / np.sqrt((first @ first) * (second @ second)), *CORRELATIONS))
 
 
-def _of_force(minimum: Minimum, test: CyclicTest) -> Minimum:
-    """Return a minimum of residuals relative to the largest force as one of residuals in N."""
-    scale = test.largest_force
-    count = len(test.force)
-    return replace(minimum, value=minimum.value + count * np.log(scale), mean_square=minimum.mean_square * scale**2)
+def _in_si(minimum: Minimum, test: SpecimenTest) -> Minimum:
+    """Return a minimum of residuals relative to the largest values as one of residuals in SI."""
+    largest = np.array([sensor.largest for sensor in test.sensors])
+    return replace(
+        minimum,
+        value=minimum.value + float(np.log(test.scales).sum()),
+        mean_squares=minimum.mean_squares * largest**2,
+    )

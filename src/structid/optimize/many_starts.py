@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt from many starts at once, for residuals of unknown variance and standard-normal coordinates.
+"""Levenberg–Marquardt from many starts at once, for residuals of unknown variances and standard-normal coordinates.
 
 Every iteration is a few batches of model runs: the Jacobian by differences, and trial points with several dampings
 (Nocedal & Wright 2006, Numerical Optimization, ch. 10). Models whose runs are cheap in batches need no derivatives for it.
@@ -6,7 +6,7 @@ Every iteration is a few batches of model runs: the Jacobian by differences, and
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +31,20 @@ BLOCK = 30_000_000
 Residuals = Callable[[Float[np.ndarray, "run parameter"]], Float[np.ndarray, "run value"]]
 """Residuals, not finite for a run that failed."""
 
+Blocks = Sequence[slice]
+"""Residuals that share a variance, such as those of one sensor; together they are all residuals."""
+
+ALL: Blocks = (slice(None),)
+
 
 @dataclass(frozen=True)
 class Minimum:
-    """A minimum of n/2 log(mean square of the residuals) + ½ |x|², the negative log posterior up to a constant."""
+    """A minimum of Σ_b n_b/2 log s_b² + ½ |x|², the negative log posterior up to a constant; s_b² is the mean square of a block."""
 
     x: Float[np.ndarray, " parameter"]
     value: float
-    mean_square: float  # of the residuals
-    curvature: Float[np.ndarray, "parameter parameter"]  # JᵀJ/s² + 1
+    mean_squares: Float[np.ndarray, " block"]  # of the residuals
+    curvature: Float[np.ndarray, "parameter parameter"]  # Σ_b JᵀJ/s_b² + 1
 
 
 def minima_from_many_starts(
@@ -49,25 +54,34 @@ def minima_from_many_starts(
     starts: int = 24,
     iterations: int = 30,
     spread: float = 0.8,
+    blocks: Blocks = ALL,
+    give_up: float = np.inf,
 ) -> list[Minimum]:
     """Return the minima that searches from prior draws reach, the best first.
 
-    The searches begin at the best of eight times as many draws. After some iterations only the better ones continue.
+    The searches begin at the best of eight times as many draws. After some iterations only the better ones continue, or none if
+    all values are above `give_up`.
     """
     x = rng.normal(size=(8 * starts, dimension)) * spread
-    best = np.argsort(_value(residuals(x), x))[:starts]
-    return refined(residuals, x[best], iterations)
+    best = np.argsort(_value(residuals(x), x, blocks))[:starts]
+    return refined(residuals, x[best], iterations, blocks, give_up)
 
 
-def refined(residuals: Residuals, x: Float[np.ndarray, "start parameter"], iterations: int) -> list[Minimum]:
+def refined(
+    residuals: Residuals,
+    x: Float[np.ndarray, "start parameter"],
+    iterations: int,
+    blocks: Blocks = ALL,
+    give_up: float = np.inf,
+) -> list[Minimum]:
     """Return the minima that searches from given points reach, the best first."""
     r = residuals(x)
-    value, damping = _value(r, x), np.full(len(x), 1e-2)
+    value, damping = _value(r, x, blocks), np.full(len(x), 1e-2)
     for number in range(1, iterations + 1):
-        gradient, curvature = _slopes(residuals, x, r)
+        gradient, curvature = _slopes(residuals, x, r, blocks)
         trials = [_step(x, gradient, curvature, factor * damping) for factor in DAMPINGS]
         tried = residuals(np.concatenate(trials)).reshape(len(DAMPINGS), *r.shape)
-        values = np.stack([_value(t, p) for t, p in zip(tried, trials, strict=True)])
+        values = np.stack([_value(t, p, blocks) for t, p in zip(tried, trials, strict=True)])
         which, run = values.argmin(axis=0), np.arange(len(x))
         better = values[which, run] < value
         x = np.where(better[:, None], np.stack(trials)[which, run], x)
@@ -75,25 +89,31 @@ def refined(residuals: Residuals, x: Float[np.ndarray, "start parameter"], itera
         value = np.where(better, values[which, run], value)
         damping = np.where(better, np.maximum(damping * np.array(DAMPINGS)[which], 1e-9), 10.0 * damping)
         if number % ROUND == 0:
+            if value.min() > give_up:
+                break
             kept = np.argsort(value)[: max(FEWEST, int(KEPT * len(x)))]
             x, r, value, damping = x[kept], r[kept], value[kept], damping[kept]
-    _, curvature = _slopes(residuals, x, r)
+    _, curvature = _slopes(residuals, x, r, blocks)
     order = np.argsort(value)
-    squares = np.mean(r**2, axis=1)
-    return [Minimum(x[i], float(value[i]), float(squares[i]), curvature[i]) for i in order if np.isfinite(value[i])]
+    squares = _mean_squares(r, blocks)
+    return [Minimum(x[i], float(value[i]), squares[i], curvature[i]) for i in order if np.isfinite(value[i])]
+
+
+def _mean_squares(residuals: Float[np.ndarray, "run value"], blocks: Blocks) -> Float[np.ndarray, "run block"]:
+    return np.stack([np.mean(residuals[:, block] ** 2, axis=1) for block in blocks], axis=1)
 
 
 def _value(
-    residuals: Float[np.ndarray, "run value"], x: Float[np.ndarray, "run parameter"]
+    residuals: Float[np.ndarray, "run value"], x: Float[np.ndarray, "run parameter"], blocks: Blocks
 ) -> Float[np.ndarray, " run"]:
-    """Return n/2 log s² + ½ |x|²; infinite for runs that failed."""
+    """Return Σ_b n_b/2 log s_b² + ½ |x|²; infinite for runs that failed."""
+    counts = np.array([residuals[0, block].size for block in blocks])
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        squares = np.mean(residuals**2, axis=1)
-        value = 0.5 * residuals.shape[1] * np.log(squares) + 0.5 * (x**2).sum(axis=1)
+        value = 0.5 * np.log(_mean_squares(residuals, blocks)) @ counts + 0.5 * (x**2).sum(axis=1)
     return np.where(np.isfinite(value), value, np.inf)
 
 
-def _slopes(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(residuals: Residuals, x: np.ndarray, r: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
     """Return gradient (start, parameter) and Gauss–Newton curvature (start, parameter, parameter) of the value."""
     count, dimension = x.shape
     gradient, curvature = np.empty((count, dimension)), np.empty((count, dimension, dimension))
@@ -103,9 +123,12 @@ def _slopes(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> tuple[np.ndar
         moved = (x[part, None, :] + DIFFERENCE * np.eye(dimension)).reshape(-1, dimension)
         jacobian = (residuals(moved).reshape(-1, dimension, r.shape[1]) - r[part, None]) / DIFFERENCE
         jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
-        squares = np.mean(r[part] ** 2, axis=1)
-        gradient[part] = np.einsum("idn,in->id", jacobian, r[part]) / squares[:, None] + x[part]
-        curvature[part] = np.einsum("idn,ien->ide", jacobian, jacobian) / squares[:, None, None] + np.eye(dimension)
+        squares = _mean_squares(r[part], blocks)
+        gradient[part], curvature[part] = x[part], np.eye(dimension)
+        for number, block in enumerate(blocks):
+            slopes, variance = jacobian[:, :, block], squares[:, number]
+            gradient[part] += np.einsum("idn,in->id", slopes, r[part, block]) / variance[:, None]
+            curvature[part] += np.einsum("idn,ien->ide", slopes, slopes) / variance[:, None, None]
     return gradient, curvature
 
 

@@ -12,6 +12,7 @@ from structid.report.sections.calibration import (
     error_model_section,
     external_draws_certificate,
     fragility_section,
+    law_section,
     marginals_and_pairs,
     measured_data,
     measured_response,
@@ -48,6 +49,7 @@ from structid.report.sections.programme import (
 
 OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     measured_response.SECTION,
+    law_section.SECTION,
     error_model_section.SECTION,
     whitened_residuals.SECTION,
     marginals_and_pairs.SECTION,

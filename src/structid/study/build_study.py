@@ -14,6 +14,7 @@ from structid.core.errors import InputError, StructidWarning, within
 from structid.data_files.file_content import FileContent
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
+from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.models.base import Model
 from structid.models.hysteretic.loop_lines import LoopLines
 from structid.observation import Observation
@@ -29,6 +30,7 @@ from structid.study.building.priors import parameter_prior, parameter_space
 from structid.study.building.records import load_record, processed, read_record
 from structid.study.building.samplers import build_plan, build_sampler
 from structid.study.building.surrogates import surrogate_settings
+from structid.study.open_law import check_open_law, law_is_open, laws_to_compare, motion_test_of, with_stand_in
 from structid.study.schema.problems import StudyErrors
 from structid.study.schema.study_file import StudyFile
 from structid.study.stages import stage_list
@@ -77,8 +79,12 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
         partial(build_plan, file.calibration),
         partial(check_tables, file),
         partial(_check_stage_tables, file),
-        lambda: build_model(
-            file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
+        lambda: (
+            check_open_law(file)
+            if law_is_open(file)
+            else build_model(
+                file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
+            )
         ),
         *(partial(FileContent, folder / str(file.observation[index].file)) for index in measured),
         *(partial(_observed, file, folder, index) for index in measured),
@@ -128,17 +134,23 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     if file.record.trim is not None:
         raw = raw.trim(*file.record.trim)  # same time range as the processed record, for a common figure
     loop = build_loop(file.loop, folder)
-    space = parameter_space(file, loop)
     predicted = file.campaign.channels if file.campaign is not None else ()
     channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *predicted)))
     if not channels:
         channels = next((t.channels_to_record for t in stage_tables(file) if t.channels_to_record), ("velocity",))
-    model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     observations, truths = [], []
     for index in range(len(file.observation)):
         observation, truth = _observed(file, folder, index, record)
         observations.append(observation)
         truths.append(truth)
+    space, motion_test = parameter_space(file, loop), None
+    laws: tuple[HystereticLaw, ...] = ()
+    if law_is_open(file):
+        motion_test = motion_test_of(file, space, observations)
+        laws = tuple(laws_to_compare(file))
+        space, model = with_stand_in(motion_test, channels)
+    else:
+        model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     posterior = None
     if observations:
         measured = {c: unit for o in observations for c, unit in zip(o.channels, o.error_units, strict=True)}
@@ -171,6 +183,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         others,
         plan,
         loop,
+        motion_test,
+        laws,
     )
     study = replace(study, planned_stages=_planned_stages(study))
     _check_something_to_run(study)

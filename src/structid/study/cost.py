@@ -36,6 +36,8 @@ SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the error model": 4.0, 
 """Durations of surrogate steps in the benchmark study [s]; the speed of a surrogate is known only after its fit."""
 BENCHMARK_SAMPLES = 4001
 """Number of samples in the record of the benchmark study."""
+RUNS_OF_LAW_CHOICE = 500_000
+"""Number of runs of the bilinear spring that take as long as the choice among all laws, most of which are slower."""
 SMALL_SETTINGS = ("particles", "ensembles", "steps", "effective_share", "correlation", "scouts")
 SMALL_POPULATION = SMC(particles=200, ensembles=2, steps=150, effective_share=0.5, correlation=0.3, scouts=0)
 """Population that is offered where sampling takes long; a frame with twelve unknown parameters converged with it."""
@@ -184,6 +186,8 @@ def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: in
     """The parts of a study in order, given the duration per run in a batch."""
     if runs := _true_runs(study):
         yield Part("Campaign", runs * each, runs, batch, study.plan)
+    if study.motion_test is not None:
+        yield Part("Choosing the hysteretic law", RUNS_OF_LAW_CHOICE * each)
     if study.posterior is not None:
         yield from _sampling_parts(study, study.posterior, under, each, batch)
     for stage in study.planned_stages:

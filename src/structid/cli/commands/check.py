@@ -75,3 +75,8 @@ def _check_cyclic_test(study: Path) -> None:
 def _describe(built: BuiltStudy) -> None:
     for what in (str(built.record), str(built.model), repr(built.space)):
         print_plainly(what)
+    if built.motion_test is not None:
+        print_plainly(f"{built.motion_test}")
+        print_plainly(
+            "The data choose the hysteretic law when the study runs. Until then, the law above stands in for it."
+        )

@@ -54,7 +54,9 @@ def run(
 
     folder = Path(study.stem) if out is None else out
     if is_cyclic_test(study_content(study)):
-        finish_cyclic_test(_cyclic_test_on_screen(study, folder, resume))
+        with findings_on_screen():
+            cyclic = _cyclic_test_on_screen(study, folder, resume)
+        finish_cyclic_test(cyclic)
         return
     with findings_on_screen():
         outcome = worked_on_screen(study, folder, resume, executor, retry, adopt)

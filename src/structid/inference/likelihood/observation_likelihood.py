@@ -87,6 +87,7 @@ class ObservationLikelihood:
     ) -> None:
         self.model, self.observation, self.discrepancy = model, observation, discrepancy
         self._space, self._model_error = space, model_error
+        self.labels = dict(own)  # names in θ of the observation's own parameters, by their plain names
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
         # The model's parameters keep their names; latent values of this test alone have their own names in θ.
         self.free = tuple(name if name in space.all_names else own[name] for name in model.free)

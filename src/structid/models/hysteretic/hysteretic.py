@@ -33,6 +33,9 @@ from structid.models.model_kind import ModelKind, ModelRequest
 from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.probability.space import ParameterSpace
 
+AUTO = "auto"
+"""Value of ``law`` in a study file that leaves the choice among all laws to the data."""
+
 CHANNELS = (
     "displacement",
     "velocity",
@@ -263,6 +266,10 @@ class Hysteretic(TraceableModel):
         return f"Hysteretic: {self.law.title}, channels {', '.join(self.channels)}{free}"
 
 
+NAMED_LAW: Any = Literal[tuple(LAWS)]
+"""Name of a law in a study file."""
+
+
 def _law_of(given: Mapping[str, Any]) -> HystereticLaw:
     """Return the law that a table names."""
     return law_of("key 'model.law'", given["law"])
@@ -281,7 +288,7 @@ KIND = ModelKind(
     word="hysteretic",
     keys={
         **{name: (quantity(unit), None) for name, unit in PARAMETER_UNITS.items()},
-        "law": (Literal[tuple(LAWS)], ...),
+        "law": (NAMED_LAW | Literal["auto"] | tuple[NAMED_LAW, ...], ...),
         "substeps": (int, None),
     },
     build=_built,

@@ -47,12 +47,12 @@ class CyclicMaterial:
     @property
     def test(self) -> CyclicTest:
         """The test."""
-        return self.choice.test
+        return self.choice.cyclic_test
 
     @cached_property
     def force(self) -> Float[np.ndarray, " time"]:
         """Force of the chosen law at its least squares [N]."""
-        return self.choice.least_squares_fit.fit.force()
+        return self.choice.least_squares_fit.fit.force(self.test)
 
     @cached_property
     def held_out(self) -> CyclicPrediction | None:

@@ -15,6 +15,8 @@ from structid.ground_motion.record import GroundMotion
 from structid.inference.error_model_choice import AUTO
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.base import Sampler
+from structid.law_choice.motion_test import MotionTest
+from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.models.base import Model
 from structid.models.hysteretic.loop_lines import LoopLines
 from structid.probability.designs import Design
@@ -44,6 +46,9 @@ class BuiltStudy:
     other_records: tuple[GroundMotion, ...]  # records to predict
     plan: Plan | None  # budget of a certified calibration, if there is one
     loop: LoopLines | None = None  # lines through a measured loop, from which priors are derived
+    # Test from which the hysteretic law is chosen, and the laws among which; None if the file names the law
+    motion_test: MotionTest | None = None
+    laws: tuple[HystereticLaw, ...] = ()
     planned_stages: ByType = ByType()  # noqa: RUF009 (never changed)  # `PlannedStage` of each stage with its own table
 
     @property
@@ -60,6 +65,8 @@ class BuiltStudy:
             "record": self.record.content_hash,
             "seed": self.file.seed,
         }
+        if self.motion_test is not None:
+            parts["choice of the law"] = [self.motion_test.content_hash, *(law.word for law in self.laws)]
         if self.campaign is not None:
             parts["campaign records"] = [r.content_hash for r in self.campaign_records]
         if self.posterior is not None:
@@ -78,6 +85,15 @@ class BuiltStudy:
         model = self.model.working_in(folder)
         posterior = None if self.posterior is None else self.posterior.on(model)
         return self if model is self.model else replace(self, model=model, posterior=posterior)
+
+    def with_law(self, law: HystereticLaw) -> BuiltStudy:
+        """Return the study with a hysteretic law in place of the open one, and its default priors."""
+        test, posterior = self.motion_test, self.sampled
+        assert test is not None
+        space = test.priors(law)
+        model = test.model(law, space.names).recording(*posterior.model.channels)
+        of_law = Posterior(space, model, posterior.observations, posterior.error_model, map=posterior.map)
+        return replace(self, space=space, model=model, posterior=of_law)
 
     @property
     def error_model_is_open(self) -> bool:
@@ -140,5 +156,6 @@ class BuiltStudy:
         truth = self.truths[0] if self.truths else None
         if truth is None:
             return {}
-        values = {n: getattr(truth, n, None) for n in self.space.names}
+        of_law = getattr(truth, "law", None)  # a hysteretic law has the parameters of its model's spring
+        values = {n: getattr(truth, n, getattr(of_law, n, None)) for n in self.space.names}
         return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}

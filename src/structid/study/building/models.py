@@ -22,6 +22,8 @@ def build_model(
     """Build the model of a study."""
     kind = kind_named(section.type, model_list.MODELS)
     given = _given(section)
+    if not space.names:
+        raise InputError("the file", "no [parameters]", "a prior for one or more parameters of the model")
     if kind.parameters is None:
         return kind.build(ModelRequest(given, space, (), channels, folder))
     parameters = kind.parameters(given)

@@ -17,7 +17,6 @@ from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1
 from structid.law_choice.cyclic_test import CyclicTest
-from structid.law_choice.extrapolation import FIRST_PART
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
 from structid.study.building.records import load_record
 from structid.study.cyclic_tests.cyclic_test_file import CyclicTestFile, FurtherPathTable, read_cyclic_test
@@ -96,7 +95,7 @@ def _laws(file: CyclicTestFile) -> tuple[str, ...]:
 
 def _paths(file: CyclicTestFile, folder: Path, test: CyclicTest) -> dict[str, np.ndarray]:
     paths: dict[str, np.ndarray] = {}
-    if file.prediction and test.until(FIRST_PART) == len(test.force):
+    if file.prediction and test.first is None:
         came = f"a test with {len(test.turns)} turning points"
         raise InputError("table 'prediction'", came, "three or more half-cycles, which show the error of a prediction")
     for section in file.prediction:

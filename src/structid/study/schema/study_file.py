@@ -37,7 +37,7 @@ class CalibrationFile(FileTable):
     seed: int = Field(default=1, ge=0)
     record: RecordTable
     model: ModelTable
-    parameters: dict[str, PriorTable] = Field(min_length=1)
+    parameters: dict[str, PriorTable] = Field(default_factory=dict)
     derived: dict[str, str] = Field(default_factory=dict)
     coordinates: dict[str, str] = Field(default_factory=dict)
     correlation: dict[str, float] = Field(default_factory=dict)

@@ -8,6 +8,7 @@ from structid.study.stages import (
     deterministic_searches,
     error_model_stage,
     fragility_runs,
+    law_stage,
     parameter_runs,
     posterior_draws,
     report_page,
@@ -16,6 +17,7 @@ from structid.study.stages import (
 from structid.study.stages.stage import StageTable, StudyStage
 
 STAGES: tuple[StudyStage, ...] = (
+    law_stage.STAGE,
     parameter_runs.STAGE,
     campaign_runs.STAGE,
     surrogate_fit.STAGE,

@@ -1,0 +1,283 @@
+"""Hysteretic laws compared on a test of a specimen, by evidence and by the prediction of the later part of the test."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+
+from structid.core.errors import ConvergenceError
+from structid.core.notebook import ShownAsText
+from structid.core.progress import Progress
+from structid.inference.error_models.base import ErrorModel
+from structid.law_choice.cyclic_test import FIRST_PART
+from structid.law_choice.fit_store import FitStore
+from structid.law_choice.law_fit import LawFit, errors_are_white, refine_law, search_law, without_mechanism
+from structid.law_choice.specimen_test import SpecimenTest
+from structid.mechanics.hysteretic_laws.base import HystereticLaw
+from structid.optimize.many_starts import Minimum
+
+log = logging.getLogger(__name__)
+
+HOPELESS = {False: 6.0, True: 2.0}
+"""Residual variance, relative to the smallest among the laws, above which a law is given up after its search.
+
+If the residuals of the best law are noise of the sensors (True), a law with twice the variance has an error of its own."""
+LOST = 25.0
+"""Residual variance, relative to the smallest so far, above which the search of a law ends early."""
+AS_GOOD = 1.2
+"""Prediction error, relative to the smallest among the laws, up to which the evidence decides."""
+WORTH_SAYING = 0.5
+"""Part of the variance that is left unexplained, below which a law is worth a message during the search."""
+DECISIVE = 5.0
+"""Log evidence for a mechanism that counts as shown [nat]."""
+ABSENT = -1.0
+"""Log evidence for a mechanism below which it counts as absent [nat]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawCandidate:
+    """One law with one error model.
+
+    Parameters
+    ----------
+    fit : LawFit
+        Fit to the whole test.
+    of_first : LawFit or None
+        Fit to the first part of the test; None if its runs fail, or if the test cannot be divided.
+    """
+
+    fit: LawFit = field(repr=False)
+    of_first: LawFit | None = field(repr=False)
+
+    @cached_property
+    def prediction_error(self) -> float:
+        """Root mean square of the error on the later part of the test, predicted from the first, relative to the largest value."""
+        if self.of_first is None:
+            return np.inf
+        error = self.fit.test.relative_error(self.of_first.residuals(self.fit.test), self.of_first.test)
+        return error if np.isfinite(error) else np.inf
+
+    @property
+    def law(self) -> HystereticLaw:
+        """The law."""
+        return self.fit.law
+
+    @property
+    def name(self) -> str:
+        """Law and error model in words."""
+        errors = "AR(1) errors" if self.fit.correlated else "independent errors"
+        return f"{self.law.word}, {errors}"
+
+    @property
+    def unexplained(self) -> float:
+        """Residual variance of the best parameters over the variance of the measured values."""
+        return self.fit.unexplained
+
+
+@dataclass(frozen=True, eq=False)
+class LawComparison(ShownAsText):
+    """Hysteretic laws compared on a test.
+
+    Parameters
+    ----------
+    test : SpecimenTest
+        The test.
+    candidates : tuple of LawCandidate
+        Laws and error models, those with the fewest parameters first.
+    dropped : dict of str to float
+        Laws that were given up after the search, with the fraction of the variance that they leave unexplained.
+    chosen : LawCandidate
+        The chosen law and error model.
+    """
+
+    test: SpecimenTest
+    candidates: tuple[LawCandidate, ...] = field(repr=False)
+    dropped: dict[str, float] = field(repr=False)
+    chosen: LawCandidate
+
+    def of_law(self, word: str) -> list[LawCandidate]:
+        """Return the candidates with one law.
+
+        Parameters
+        ----------
+        word : str
+            Name of the law.
+
+        Returns
+        -------
+        list of LawCandidate
+            One for every error model.
+        """
+        return [c for c in self.candidates if c.law.word == word]
+
+    @cached_property
+    def mechanisms(self) -> dict[str, float]:
+        """What the test shows: the mechanisms of the chosen law, with the log evidence for each [nat].
+
+        Each is the difference from the same law without the mechanism, by Laplace's approximation.
+        """
+        fit = self.chosen.fit
+        gains = {}
+        for name, described in fit.law.parameters().items():
+            if described.mechanism:
+                gains[described.mechanism] = fit.log_evidence - without_mechanism(fit, name).log_evidence
+        return gains
+
+    @property
+    def least_squares(self) -> float:
+        """Part of the force's variance that the chosen law leaves unexplained at its least squares."""
+        return self.least_squares_fit.unexplained
+
+    @property
+    def least_squares_fit(self) -> LawCandidate:
+        """The chosen law with the error model that leaves least of the force's variance unexplained."""
+        return min(self.of_law(self.chosen.law.word), key=lambda c: c.unexplained)
+
+    @property
+    def sentence(self) -> str:
+        """The choice in sentences."""
+        chosen, law = self.chosen, self.chosen.law
+        others = [c for c in self.candidates if c.law.word != law.word]
+        explained = f"{1.0 - self.least_squares:.1%} of the variance of {self.test.quantity}"
+        text = f"The test chooses the {law.title}: it explains {explained}."
+        if np.isfinite(chosen.prediction_error):
+            text += (
+                f" From the first {FIRST_PART:.0%} of the {self.test.course} it predicts the rest with an error of "
+                f"{chosen.prediction_error:.1%} of the largest value."
+            )
+        text = f"{text} {self._shown}"
+        if not others:
+            return text
+        second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
+        ahead = chosen.fit.log_evidence - max(c.fit.log_evidence for c in others if c.law.word == second.law.word)
+        relation = "smaller" if ahead > 0.0 else "larger"
+        if not np.isfinite(second.prediction_error):
+            return (
+                f"{text} The next law is the {second.law.title}; its log evidence is {abs(ahead):.0f} nats {relation}."
+            )
+        return (
+            f"{text} The best other prediction is by the {second.law.title}, with an error of "
+            f"{second.prediction_error:.1%}; its log evidence is {abs(ahead):.0f} nats {relation}."
+        )
+
+    @property
+    def _shown(self) -> str:
+        """The mechanisms that the test shows, and those that it does not, in a sentence."""
+        shown = [words for words, gain in self.mechanisms.items() if gain > DECISIVE]
+        absent = [words for words, gain in self.mechanisms.items() if gain < ABSENT]
+        if not shown:
+            return f"The test shows no {_listed(absent, 'or')}." if absent else "The test shows none of its mechanisms."
+        rest = f", and no {_listed(absent, 'or')}" if absent else ""
+        return f"The test shows {_listed(shown)}{rest}."
+
+    def __str__(self) -> str:
+        width = max(len(c.name) for c in self.candidates)
+        head = f"{''.ljust(width)}  parameters  log evidence  unexplained  prediction error"
+        lines = [self.sentence, head]
+        for c in sorted(self.candidates, key=lambda c: -c.fit.log_evidence):
+            lines.append(
+                f"{c.name.ljust(width)}{len(c.fit.fitted):12d}{c.fit.log_evidence:14.1f}{c.unexplained:13.2%}"
+                f"{_share(c.prediction_error)}{'  <' if c is self.chosen else ''}"
+            )
+        if self.dropped:
+            lines.append(
+                "Given up after the search: " + ", ".join(f"{w} ({v:.0%} unexplained)" for w, v in self.dropped.items())
+            )
+        return "\n".join(lines)
+
+
+def compare_laws(
+    test: SpecimenTest,
+    laws: Sequence[HystereticLaw],
+    error_models: Sequence[ErrorModel],
+    seed: int,
+    store: FitStore,
+    progress: Progress | None = None,
+) -> LawComparison:
+    """Fit every law from many starts, and choose one."""
+    part = test.searched
+    minima_of: dict[HystereticLaw, list[Minimum]] = {}
+    for number, law in enumerate(laws, start=1):
+        least = min((minima[0].value for minima in minima_of.values() if minima), default=np.inf)
+        give_up = least + 0.5 * len(part.scales) * np.log(LOST)
+        minima_of[law] = store.minima(law, part, partial(search_law, part, law, seed, give_up))
+        unexplained = _unexplained(part, minima_of[law])
+        if unexplained < WORTH_SAYING and minima_of[law][0].value < least - DECISIVE:
+            shown = f"leaves {100.0 * unexplained:.2g} % of the variance of {test.quantity} unexplained"
+            log.info("After %d of %d laws: the %s %s.", number, len(laws), law.title, shown)
+        if progress is not None:
+            progress(number, 2 * len(laws))
+    left = {law: _unexplained(part, minima) for law, minima in minima_of.items()}
+    best = min(laws, key=lambda law: left[law])
+    limit = HOPELESS[bool(minima_of[best]) and errors_are_white(part, best, minima_of[best][0])] * left[best]
+    kept = [law for law in laws if left[law] <= limit]
+    dropped = {law.word: left[law] for law in laws if left[law] > limit}
+    candidates = []
+    for number, law in enumerate(kept, start=1):
+        of_law = _candidates(test, law, minima_of[law], error_models, seed, store)
+        if not of_law:
+            dropped[law.word] = np.nan
+        candidates += of_law
+        if progress is not None:
+            progress(len(laws) + round(number * len(laws) / len(kept)), 2 * len(laws))
+    if not candidates:
+        raise ConvergenceError("No law can follow the test: every run fails. Check the test's values and their units.")
+    return LawComparison(test, tuple(candidates), dropped, _chosen(candidates))
+
+
+def _candidates(
+    test: SpecimenTest,
+    law: HystereticLaw,
+    minima: list[Minimum],
+    error_models: Sequence[ErrorModel],
+    seed: int,
+    store: FitStore,
+) -> list[LawCandidate]:
+    """Fit one law to the whole test and to its first part."""
+    fits = store.fits(law, test, error_models, lambda: refine_law(test, law, minima, error_models))
+    first = test.first
+    of_first = fits_to_first(first, law, error_models, seed, store) if fits and first is not None else []
+    if not of_first:
+        return [LawCandidate(fit, None) for fit in fits]
+    return [LawCandidate(fit, part) for fit, part in zip(fits, of_first, strict=True)]
+
+
+def fits_to_first(
+    first: SpecimenTest, law: HystereticLaw, error_models: Sequence[ErrorModel], seed: int, store: FitStore
+) -> list[LawFit]:
+    """Return the fits of a law to the first part of a test, found without its later part."""
+    minima = minima_of_first(first, law, seed, store)
+    return store.fits(law, first, error_models, lambda: refine_law(first, law, minima, error_models))
+
+
+def minima_of_first(first: SpecimenTest, law: HystereticLaw, seed: int, store: FitStore) -> list[Minimum]:
+    """Return the minima of a search in the first part of a test."""
+    return store.minima(law, first.searched, lambda: search_law(first.searched, law, seed))
+
+
+def _chosen(candidates: list[LawCandidate]) -> LawCandidate:
+    """Return the candidate of largest evidence among those that predict nearly as well as the best."""
+    best = min(c.prediction_error for c in candidates)
+    return max((c for c in candidates if c.prediction_error <= AS_GOOD * best), key=lambda c: c.fit.log_evidence)
+
+
+def _unexplained(test: SpecimenTest, minima: list[Minimum]) -> float:
+    """Return the residual variance at the best minimum over the variance of the measured values."""
+    if not minima:
+        return np.inf
+    variances = [np.var(sensor.values / sensor.largest) for sensor in test.sensors]
+    return float(np.mean(minima[0].mean_squares / variances))
+
+
+def _share(error: float) -> str:
+    """Return a prediction error as a cell of the table."""
+    return f"{error:18.2%}" if np.isfinite(error) else f"{'–':>18}"
+
+
+def _listed(words: list[str], last: str = "and") -> str:
+    """Return words as a list in a sentence."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
