@@ -75,6 +75,19 @@ def test_a_new_study_from_files_reads_them(folder):
     assert refused.returncode == 2 and "no file holds an acceleration" in refused.stderr
 
 
+def test_a_new_cyclic_study_from_a_file_has_its_columns(folder):
+    """Displacement and force of a table, for `structid look` and for a new study."""
+    made = structid("new", "wall", "--like", "cyclic", "--from", "floors.csv", cwd=folder)
+    assert made.returncode == 0, made.stderr
+    columns = 'displacement_column = 1\ndisplacement_unit = "mm"\nforce_column = 2\nforce_unit = "kN"'
+    assert columns in (folder / "wall.toml").read_text()
+    assert columns in structid("look", "floors.csv", cwd=folder).stdout
+    refused = structid("new", "other", "--like", "cyclic", "--from", "site.V2", cwd=folder)
+    assert refused.returncode == 2 and "no columns of a displacement and a force" in refused.stderr
+    refused = structid("new", "other", "--like", "cyclic", "--from", "site.V2", "--from", "floors.csv", cwd=folder)
+    assert refused.returncode == 2 and "2 files" in refused.stderr
+
+
 def test_keys_of_a_study_name_component_and_columns(folder):
     """A record and a measurement of one file, and of a table by the titles of its columns."""
     record = si.GroundMotion.read(folder / "site.V2", component="Up")

@@ -34,13 +34,15 @@ from structid.law_choice.extrapolation import (
     weights_by_prediction,
 )
 from structid.law_choice.fit_store import FitStore
-from structid.law_choice.law_comparison import LawCandidate, LawComparison, compare_laws, minima_of_first
-from structid.law_choice.law_fit import refine_law
+from structid.law_choice.law_comparison import LawCandidate, LawComparison, compare_laws, minima_of_first, pair_fits
+from structid.law_choice.law_fit import LawFit, refine_law
+from structid.law_choice.missing_terms import MissingTerms, find_missing_terms
 from structid.law_choice.motion_test import MotionTest
 from structid.law_choice.specimen_test import SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
 from structid.models.hysteretic.hysteretic import Hysteretic
+from structid.optimize.many_starts import Minimum
 
 LITTLE = 0.8
 """Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
@@ -70,10 +72,14 @@ class LawChoice(LawComparison):
         Draws of the posterior of the chosen law.
     on_parts : tuple of LawOnParts
         The laws, with every error model, fitted to parts of a cyclic test; predictions are averaged over them.
+    missing : MissingTerms or None
+        Terms of the force that the best law without further terms lacks in a cyclic test. If they also explain later half-cycles,
+        this law with the terms is one of the candidates.
     """
 
     result: SamplingResult = field(repr=False)
     on_parts: tuple[LawOnParts, ...] = field(repr=False, default=())
+    missing: MissingTerms | None = field(repr=False, default=None)
 
     @cached_property
     def weights(self) -> dict[str, float]:
@@ -253,16 +259,38 @@ def choose_model(
             raise InputError("choose_model(error_models)", f"{type(errors).__name__}", "IID() and AR1(white=0.0)")
     ladder, store = by_size(candidates_of), fit_store(test, candidates_of, error_models, seed, folder)
     compared = compare_laws(test, ladder, error_models, seed, store, progress)
-    laws_left = dict.fromkeys(candidate.law.word for candidate in compared.candidates)
-    on_parts = [
-        law
-        for word in laws_left
-        if isinstance(test, CyclicTest)
-        for law in _on_parts(test, compared.of_law(word), error_models, seed, store)
-    ]
+    missing, on_parts = None, []
+    if isinstance(test, CyclicTest):
+        missing = find_missing_terms(test, compared.chosen)
+        if missing.holds:
+            compared = compared.with_candidates(_with_terms(compared.chosen, missing, error_models, store))
+        for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
+            on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
     draws = compared.chosen.fit.sampled(seed, None if folder is None else Path(folder) / DRAWS_OF_LAW)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
-    return LawChoice(**of_comparison, result=draws, on_parts=tuple(on_parts))
+    return LawChoice(**of_comparison, result=draws, on_parts=tuple(on_parts), missing=missing)
+
+
+def _with_terms(
+    chosen: LawCandidate, missing: MissingTerms, error_models: Sequence[ErrorModel], store: FitStore
+) -> list[LawCandidate]:
+    """Fit the chosen law with further terms, from its own best parameters and those of the terms."""
+    law = missing.extended
+
+    def fits_to(fit: LawFit) -> list[LawFit]:
+        space, known = fit.test.unknowns(law), dict(zip(fit.fitted, fit.minimum.x, strict=True))
+        without = np.array([known.get(name, 0.0) for name in space.names])
+        starts = np.stack([without, without])
+        for number, coefficient in enumerate(missing.coefficients, start=1):
+            name = f"term_{number}"
+            probability = space.marginals[name].cdf(np.array([coefficient]))[0].clip(SMALLEST, 1.0 - SMALLEST)
+            starts[1, space.names.index(name)] = scipy.special.ndtri(probability)
+        minima = [Minimum(x, fit.minimum.value, fit.minimum.mean_squares, np.eye(len(x))) for x in starts]
+        return store.fits(law, fit.test, error_models, lambda: refine_law(fit.test, law, minima, error_models))
+
+    fits = fits_to(chosen.fit)
+    of_first = fits_to(chosen.of_first) if fits and chosen.of_first is not None else []
+    return pair_fits(fits, of_first)
 
 
 def by_size(laws: Sequence[HystereticLaw]) -> list[HystereticLaw]:
@@ -308,7 +336,9 @@ def _on_parts(
     of_first = [candidate.of_first for candidate in candidates if candidate.of_first is not None]
     if first is None or not of_first:
         return []
-    starts = [of_first[0].minimum, *minima_of_first(first, law, seed, store)[1:]]
+    # A law with further terms was not searched: its terms come from a fit.
+    searched = minima_of_first(first, law, seed, store) if law.word in LAWS else []
+    starts = [of_first[0].minimum, *searched[1:]]
     ends = sorted({test.until(share) for share in ORIGINS} - {len(first.force)})
     shorter = [test.part(slice(0, end)) for end in ends if end >= FEWEST]
     earlier = [

@@ -99,6 +99,22 @@ class LawComparison(ShownAsText):
     dropped: dict[str, float] = field(repr=False)
     chosen: LawCandidate
 
+    def with_candidates(self, further: Sequence[LawCandidate]) -> LawComparison:
+        """Return the comparison with further candidates.
+
+        Parameters
+        ----------
+        further : sequence of LawCandidate
+            The candidates.
+
+        Returns
+        -------
+        LawComparison
+            The comparison; one of them may be the chosen law.
+        """
+        candidates = (*self.candidates, *further)
+        return LawComparison(self.test, candidates, self.dropped, _chosen(candidates))
+
     def of_law(self, word: str) -> list[LawCandidate]:
         """Return the candidates with one law.
 
@@ -241,6 +257,11 @@ def _candidates(
     fits = store.fits(law, test, error_models, lambda: refine_law(test, law, minima, error_models))
     first = test.first
     of_first = fits_to_first(first, law, error_models, seed, store) if fits and first is not None else []
+    return pair_fits(fits, of_first)
+
+
+def pair_fits(fits: Sequence[LawFit], of_first: Sequence[LawFit]) -> list[LawCandidate]:
+    """Return candidates from the fits to a test under every error model, and those to its first part if there are any."""
     if not of_first:
         return [LawCandidate(fit, None) for fit in fits]
     return [LawCandidate(fit, part) for fit, part in zip(fits, of_first, strict=True)]
@@ -259,7 +280,7 @@ def minima_of_first(first: SpecimenTest, law: HystereticLaw, seed: int, store: F
     return store.minima(law, first.searched, lambda: search_law(first.searched, law, seed))
 
 
-def _chosen(candidates: list[LawCandidate]) -> LawCandidate:
+def _chosen(candidates: Sequence[LawCandidate]) -> LawCandidate:
     """Return the candidate of largest evidence among those that predict nearly as well as the best."""
     best = min(c.prediction_error for c in candidates)
     return max((c for c in candidates if c.prediction_error <= AS_GOOD * best), key=lambda c: c.fit.log_evidence)

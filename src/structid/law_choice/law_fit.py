@@ -336,7 +336,7 @@ def errors_are_white(searched: SpecimenTest, law: HystereticLaw, minimum: Minimu
     """Whether the residuals at a minimum of a search are noise: neighbours do not share it."""
     residuals = _Residuals(searched, law)(minimum.x[None])[0]
     each = zip(searched.blocks, searched.sensors, strict=True)
-    return all(_neighbours(residuals[block], sensor.gaps) < WHITE for block, sensor in each)
+    return all(neighbours(residuals[block], sensor.gaps) < WHITE for block, sensor in each)
 
 
 def refine_law(
@@ -367,7 +367,7 @@ def _with_correlated_errors(whole: _Residuals, law: HystereticLaw, best: list[Mi
     for _ in range(ROUNDS):
         residuals = whole(best[0].x[None])[0]
         each = zip(test.blocks, test.sensors, strict=True)
-        correlations = tuple(_neighbours(residuals[block], sensor.gaps) for block, sensor in each)
+        correlations = tuple(neighbours(residuals[block], sensor.gaps) for block, sensor in each)
         best = whole.with_correlations(correlations).refined(best, REFINED_AGAIN, 8)
     return LawFit(law, test, errors, _in_si(best[0], test), correlations)
 
@@ -384,7 +384,7 @@ def without_mechanism(fit: LawFit, name: str) -> LawFit:
     return LawFit(law, fit.test, fit.errors, _in_si(best[0], fit.test), fit.correlations, (name,))
 
 
-def _neighbours(residuals: Float[np.ndarray, " value"], gaps: Int[np.ndarray, " interval"]) -> float:
+def neighbours(residuals: Float[np.ndarray, " value"], gaps: Int[np.ndarray, " interval"]) -> float:
     """Return the correlation of neighbouring residuals."""
     near = gaps == 1
     first, second = residuals[:-1][near], residuals[1:][near]

@@ -37,6 +37,7 @@ from structid.report.sections.cyclic_test import (
     measured_loops,
     measures_of_cycles,
     parameters_of_law,
+    what_is_missing,
 )
 from structid.report.sections.programme import (
     actuator_tracking,
@@ -88,6 +89,7 @@ OF_A_CYCLIC_TEST: tuple[Section[Any], ...] = (
     compared_laws.SECTION,
     measures_of_cycles.SECTION,
     held_out_half_cycles.SECTION,
+    what_is_missing.SECTION,
     parameters_of_law.SECTION,
     further_paths.SECTION,
     dynamic_use.SECTION,

@@ -50,6 +50,39 @@ def observation_lines(overview: FileOverview, most: int = 12) -> str:
     return "\n\n".join(tables)
 
 
+def cyclic_lines(overview: FileOverview) -> str | None:
+    """Return a [cyclic_test] table for the first displacement and the first force in a file; None if it lacks one of them."""
+    found = [
+        next((f for f in overview.channels if f.channel.has_unit and same_dimension(f.channel.unit, si)), None)
+        for si in ("m", "N")
+    ]
+    if not overview.has_columns or None in found:
+        return None
+    lines = ["[cyclic_test]", f"file = {_quoted(overview.path)}"]
+    for name, facts in zip(("displacement", "force"), found, strict=True):
+        assert facts is not None
+        lines += [f"{name}_column = {facts.channel.number}", f"{name}_unit = {_quoted(facts.channel.unit)}"]
+    return "\n".join(lines)
+
+
+def cyclic_study_from_files(text: str, overviews: Sequence[FileOverview]) -> str:
+    """Replace the test of the packaged study of a cyclic test by that of one file."""
+    if len(overviews) != 1:
+        raise InputError(
+            "--from", f"{len(overviews)} files", "one file, with displacement and force", "Merge the two columns."
+        )
+    lines = cyclic_lines(overviews[0])
+    if lines is None:
+        name = Path(overviews[0].path).name
+        raise InputError(
+            "--from",
+            f"{name} holds no columns of a displacement and a force with units",
+            "a table with both",
+            "Leave --from out, and fill in the columns and units of [cyclic_test].",
+        )
+    return _replaced(text, "[cyclic_test]", lines)
+
+
 def study_from_files(text: str, overviews: Sequence[FileOverview]) -> str:
     """Replace record and observation of the packaged study of a measurement by those of some files.
 
@@ -57,7 +90,12 @@ def study_from_files(text: str, overviews: Sequence[FileOverview]) -> str:
     """
     record = next((overview for overview in overviews if _first_acceleration(overview) is not None), None)
     if record is None:
-        raise InputError("--from", "no file holds an acceleration", "the record of the excitation among the files")
+        raise InputError(
+            "--from",
+            "no file holds an acceleration",
+            "the record of the excitation among the files",
+            "For a cyclic test, add --like cyclic.",
+        )
     measured = [overview for overview in overviews if overview is not record] or [record]
     lines = record_lines(record)
     text = _replaced(text, "[record]", lines)

@@ -31,7 +31,7 @@ def look(
     from structid.cli.terminal_plot import terminal_plot
     from structid.data_files.overview import look as look_at
     from structid.data_files.overview import relations
-    from structid.study.lines_for_files import observation_lines, record_lines
+    from structid.study.lines_for_files import cyclic_lines, observation_lines, record_lines
 
     overviews = [look_at(file) for file in files]
     for overview in overviews:
@@ -52,6 +52,9 @@ def look(
     print_plainly("\n\n".join(record_lines(overview) for overview in overviews))
     print_plainly("\nor as a measured response (check the name of the channel):\n")
     print_plainly("\n\n".join(observation_lines(overview) for overview in overviews))
+    if tests := [lines for overview in overviews if (lines := cyclic_lines(overview)) is not None]:
+        print_plainly("\nor as a cyclic test (structid new NAME --like cyclic --from FILE writes its study):\n")
+        print_plainly("\n\n".join(tests))
     if figure is not None:
         _draw(overviews, figure)
         print_plainly(f"\nDrawn: {figure}")

@@ -19,7 +19,10 @@ def new(
     like: Annotated[str, typer.Option(help=f"Packaged study to copy: {', '.join(TEMPLATES)}.")] = "measured",
     files: Annotated[
         list[Path] | None,
-        typer.Option("--from", help="File of the excitation or of a measured response; repeat it for several files."),
+        typer.Option(
+            "--from",
+            help="File of the excitation, of a measured response or of a cyclic test; repeat it for several files.",
+        ),
     ] = None,
 ) -> None:
     """Write a study file from a template, or for given data files."""
@@ -47,16 +50,19 @@ def new(
 
 
 def _for_files(text: str, like: str, files: list[Path], folder: Path) -> str:
-    """Put the tables of record and observations for some files into the study of measured files."""
+    """Put the tables for some files into the study of measured files, or into that of a cyclic test."""
     from structid.data_files.overview import look
-    from structid.study.lines_for_files import study_from_files
+    from structid.study.lines_for_files import cyclic_study_from_files, study_from_files
 
-    if like != "measured":
+    if like not in ("measured", "cyclic"):
         raise InputError(
-            "--from", f"--like {like}", "--like measured, the study of measured files", "Leave --like out."
+            "--from",
+            f"--like {like}",
+            "--like measured, the study of measured files, or --like cyclic",
+            "Leave --like out.",
         )
     # A study names files relative to its own folder.
     named = [
         replace(look(file), path=str(file) if file.is_absolute() else os.path.relpath(file, folder)) for file in files
     ]
-    return study_from_files(text, named)
+    return study_from_files(text, named) if like == "measured" else cyclic_study_from_files(text, named)
