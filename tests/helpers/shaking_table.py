@@ -153,6 +153,9 @@ kind = "pod_kriging"
 [deterministic]
 methods = []
 
+[prediction]
+draws = 150
+
 [[prediction.records]]
 name = "twice the amplitude"
 file = "table_double.csv"

@@ -144,7 +144,7 @@ def variance_by_the_surrogate(
             yield surrogate.sampled(parameters[first : first + size], record, rng)
 
     responses = (sampled(observation.record) for observation in posterior.observations)
-    density = posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
+    density = posterior.log_density_given(responses, rows).reshape(len(theta), SAMPLED_RESPONSES)
     finite = np.isfinite(density).all(axis=1)
     variance = np.var(np.where(finite[:, None], density, 0.0), axis=1, ddof=1)
     return np.where(finite, variance, np.inf)

@@ -81,6 +81,12 @@ class LawChoice(LawComparison):
     on_parts: tuple[LawOnParts, ...] = field(repr=False, default=())
     missing: MissingTerms | None = field(repr=False, default=None)
 
+    @property
+    def sentence(self) -> str:
+        """The choice in sentences, with what the law lacks."""
+        lacking = "" if self.missing is None or not self.missing.names else f" {self.missing.sentence}"
+        return f"{super().sentence}{lacking}"
+
     @cached_property
     def weights(self) -> dict[str, float]:
         """Weights of the laws in a prediction, by how well they predict later half-cycles of the test from earlier ones."""

@@ -11,6 +11,9 @@ from jaxtyping import Bool, Float
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.observation_likelihood import ObservationLikelihood
 
+AT_ONCE = 64
+"""Number of runs whose likelihood is computed at once."""
+
 Responses = np.ndarray | Iterable[np.ndarray]
 """Responses (run, time, channel) to one record: of all runs in one array, or block by block."""
 
@@ -29,16 +32,58 @@ class GivenResponses:
     def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log posterior density."""
         theta = self._likelihood.points(theta)
-        total, finite = self._likelihood.space.log_density(theta), np.ones(len(theta), dtype=bool)
-        for bound, given, reduced in zip(self._likelihood.of, self._given, self._reduced, strict=True):
-            if bound.needs_only_squares:
-                likelihood = bound.of_squares(reduced.values, theta)
-            else:
-                response = reduced.values.transpose(1, 2, 0)
-                likelihood = given(response, theta, bound.weighted(bound.observation.values[:, :, None]))
-            total = total + np.asarray(likelihood)
-            finite &= reduced.finite
-        return np.where(finite & ~np.isnan(total), total, -np.inf)
+        each = zip(self._likelihood.of, self._given, self._reduced, strict=True)
+        return _with_prior(self._likelihood, theta, (_log_likelihood(*of_one, theta) for of_one in each))
+
+
+def log_density_on_the_way(
+    likelihood: JointLikelihood,
+    responses: Iterable[Responses],
+    compiled: Sequence[Callable[..., Any]],
+    theta: Float[np.ndarray, "run parameter"],
+) -> Float[np.ndarray, " run"]:
+    """Log posterior density of given responses, of which no more than one block is kept; see `GivenResponses`."""
+    each = zip(likelihood.of, compiled, responses, strict=True)
+    return _with_prior(likelihood, theta, (_of_blocks(bound, given, runs, theta) for bound, given, runs in each))
+
+
+def _of_blocks(
+    bound: ObservationLikelihood, given: Callable[..., Any], runs: Responses, theta: Float[np.ndarray, "run parameter"]
+) -> Float[np.ndarray, " run"]:
+    """Log-likelihood of the responses to one record, block by block."""
+    parts, first = [], 0
+    for block in [runs] if isinstance(runs, np.ndarray) else runs:
+        parts.append(_log_likelihood(bound, given, _Reduced.of(bound, block), theta[first : first + len(block)]))
+        first += len(block)
+    return np.concatenate(parts)
+
+
+def _with_prior(
+    likelihood: JointLikelihood, theta: Float[np.ndarray, "run parameter"], parts: Iterable[np.ndarray]
+) -> Float[np.ndarray, " run"]:
+    """Log prior plus log-likelihoods; −inf where one of them is not a number."""
+    total = likelihood.space.log_density(theta)
+    for part in parts:
+        total = total + part
+    return np.where(np.isnan(total), -np.inf, total)
+
+
+def _log_likelihood(
+    bound: ObservationLikelihood,
+    given: Callable[..., Any],
+    reduced: _Reduced,
+    theta: Float[np.ndarray, "run parameter"],
+) -> Float[np.ndarray, " run"]:
+    """Log-likelihood of reduced responses; −inf where the run failed."""
+    if bound.needs_only_squares:
+        values = np.asarray(bound.of_squares(reduced.values, theta))
+    else:
+        measured = bound.weighted(bound.observation.values[:, :, None])
+        # Always the same number of runs, the last ones repeated: one compiled program, with little memory, serves all.
+        places = np.arange(-(-len(theta) // AT_ONCE) * AT_ONCE).reshape(-1, AT_ONCE).clip(max=len(theta) - 1)
+        blocks = [np.asarray(given(reduced.values[p].transpose(1, 2, 0), theta[p], measured)) for p in places]
+        values = np.concatenate(blocks)[: len(theta)]
+    return np.where(reduced.finite, values, -np.inf)
 
 
 class _Reduced(NamedTuple):

@@ -25,7 +25,7 @@ from structid.engine.lanes.differentiable import differentiable_in_lanes
 from structid.engine.lanes.in_lanes import InLanes
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
-from structid.inference.likelihood.given_responses import GivenResponses, Responses
+from structid.inference.likelihood.given_responses import GivenResponses, Responses, log_density_on_the_way
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
 from structid.inference.likelihood.observation_likelihood import Measured
@@ -391,6 +391,23 @@ class Posterior(Target):
             Posterior that computes the log density of parameters; each row of parameters belongs to one run.
         """
         return GivenResponses(self.likelihood, responses, self._compiled_given)
+
+    def log_density_given(self, responses: Iterable[Responses], theta: np.ndarray) -> np.ndarray:
+        """Log density with responses computed beforehand, of which no more than one block is kept; see `given`.
+
+        Parameters
+        ----------
+        responses : iterable
+            The model's response to the record of each observation: arrays (run, time, channel), or iterators of blocks of runs.
+        theta : ndarray, shape (run, parameter)
+            The parameters of every run.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            Log density; −inf where a run failed.
+        """
+        return log_density_on_the_way(self.likelihood, responses, self._compiled_given, self.likelihood.points(theta))
 
     @cached_property
     def _compiled_given(self) -> tuple[Callable[..., Any], ...]:
