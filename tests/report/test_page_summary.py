@@ -47,7 +47,9 @@ def material(
     )
     return SimpleNamespace(
         result=SimpleNamespace(verdict=lambda: verdict, cost=cost),
-        calibration=None if certificate is None else SimpleNamespace(certificate=certificate, enough_to_go_on=400),
+        calibration=None
+        if certificate is None
+        else SimpleNamespace(certificate=certificate, enough_to_go_on=400, hint=""),
         results=ByType({Surrogate: surrogate}),
         posterior=SimpleNamespace(space=SPACE, model_space=SPACE, names=SPACE.names, factors=SPACE.factors),
         summary=SimpleNamespace(names=SPACE.names, units=tuple(SPACE.units.values()), columns=columns),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,14 @@ from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
 """Standard deviations of a round's log weights and surrogate error below which a certificate is likely [nat]."""
+
+
+SLOW_ROUNDS = 3
+"""Number of rounds after which a lack of progress is reported."""
+SMALLEST_EXPONENT = 1e-3
+"""Exponent below which a surrogate knows next to nothing."""
+PROGRESS = 4.0
+"""Growth of the exponent in these rounds that counts as progress; a usual calibration gains a factor of ten or more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +84,26 @@ class Round:
         return text + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
+def hint_for_slow_rounds(rounds: Sequence[Round], posterior: Posterior) -> str:
+    """Return what to do if the last rounds have hardly improved the surrogate; empty if they have, or if it is good enough."""
+    last = [r for r in rounds if not r.again][-SLOW_ROUNDS - 1 :]
+    if len(last) <= SLOW_ROUNDS or last[-1].exponent == 1.0:
+        return ""
+    if last[-1].exponent > max(PROGRESS * last[0].exponent, SMALLEST_EXPONENT):
+        return ""
+    cure = (
+        'A run of this model is cheap: sample the model itself, with kind = "none" in [surrogate] and without [calibration].'
+        if posterior.model.batched
+        else "Calibrate to one sensor or to a shorter part of the record, which shows the parameters that the data determine; fix "
+        "the others; or allow more true_runs."
+    )
+    power = f"the likelihood to the power of {last[-1].exponent:.2g}" if last[-1].exponent else "the prior"
+    return (
+        f"The last {SLOW_ROUNDS} rounds have hardly improved the surrogate: it is accurate for {power} only, and the data are more "
+        f"precise than that. {cure}"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class CalibrationResult(ShownAsText):
     """Result of a calibration, with its certificate.
@@ -119,6 +148,11 @@ class CalibrationResult(ShownAsText):
     def training_runs(self) -> int:
         """Number of points the last surrogate was fitted to."""
         return self.rounds[-1].training
+
+    @property
+    def hint(self) -> str:
+        """What to do if the last rounds have hardly improved the surrogate; empty if they have."""
+        return hint_for_slow_rounds(self.rounds, self.posterior)
 
     @property
     def depth(self) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from structid.calibration.adopted_runs import first_design, take_over
-from structid.calibration.calibration_result import CalibrationResult, Round
+from structid.calibration.calibration_result import CalibrationResult, Round, hint_for_slow_rounds
 from structid.calibration.cross_validation import cross_validate
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
@@ -217,6 +217,7 @@ class _Loop:
         self.before: Surrogate | None = None
         self.surrogate: Surrogate | None = None
         self.choice: ErrorModelChoice | None = None
+        self._hinted = False
         self.settled = not error_model_is_open
         self.final: tuple[int, FinalDraws] | None = None
 
@@ -254,10 +255,17 @@ class _Loop:
                 self.true.make(self.last.points(self.space.dimension))
             self.rounds.append(self._judged(entry, surrogate, self.last, training))
             _log.info("%s", self.rounds[-1])
+            self._say_once(hint_for_slow_rounds(self.rounds, self.posterior))
             certificate = self.rounds[-1].certificate
             spent = self._left(len(self.true)) < 0 and not self._to_be_judged_again
             if certificate is not None and (certificate.certified or spent):
                 return self._result(number, surrogate)
+
+    def _say_once(self, hint: str) -> None:
+        """Report the first lack of progress."""
+        if hint and not self._hinted:
+            _log.info("%s", hint)
+            self._hinted = True
 
     def _planned(self, count: int) -> np.ndarray:
         """Return `count` points of the first design, in SI."""

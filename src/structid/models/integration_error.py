@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.models.finer_steps import in_finer_steps
 from structid.models.traceable import TraceableModel
 
 LIMIT = 0.01
@@ -55,12 +55,6 @@ class IntegrationError:
         return f"{self} For an error below {100.0 * LIMIT:g} %, set {self.setting} = {self.wanted} in [model]."
 
 
-def _finer(model: Any, times: int) -> TraceableModel:
-    """Return the same model with `times` as many integration steps."""
-    finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
-    return finer
-
-
 def integration_error(
     model: TraceableModel, theta: Float[np.ndarray, "1 parameter"], excitation: Excitation
 ) -> IntegrationError | None:
@@ -76,11 +70,11 @@ def integration_error(
         return float((np.abs(run.values[0] - exact.values[0]).max(axis=0) / np.where(peaks > 0.0, peaks, 1.0)).max())
 
     steps = int(getattr(model, setting))
-    exact = _finer(model, REFERENCE).simulate(theta, excitation)
+    exact = in_finer_steps(model, REFERENCE).simulate(theta, excitation)
     error = error_of(model.simulate(theta, excitation))
     if error <= LIMIT:
         return IntegrationError(setting, steps, error, steps)
     if not exact.done[0]:
         return IntegrationError(setting, steps, error, None)
-    enough = (times for times in TRIED if error_of(_finer(model, times).simulate(theta, excitation)) <= LIMIT)
+    enough = (times for times in TRIED if error_of(in_finer_steps(model, times).simulate(theta, excitation)) <= LIMIT)
     return IntegrationError(setting, steps, error, next(enough, REFERENCE) * steps)

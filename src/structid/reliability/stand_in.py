@@ -11,6 +11,7 @@ from jaxtyping import Float
 from structid.campaign.runs import Runs
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
+from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.probability.designs import Design
 from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.fit import FEWEST_RUNS
@@ -29,7 +30,7 @@ def fitted_stand_in(
     space = posterior.model_space
     design = Design(draws[:, : space.dimension], space)
     model = posterior.model.recording(*channels)
-    histories = model.simulate(design, record, map=posterior.map)
+    histories = simulate_in_steps_it_needs(model, design.values, record, map=posterior.map)
     if int(histories.done.sum()) < FEWEST_RUNS:
         return None
     lenient: Any = replace(settings, outside="allow")  # type: ignore[type-var]

@@ -248,7 +248,8 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
         return ["Continue sampling: increase steps or particles in the study file, then rerun with --resume."]
     if calibration is not None and not (calibration.certificate.usable or exact):
         enough = calibration.enough_to_go_on
-        return [f"Allow more model runs: set true_runs = {enough} or more, then rerun with --resume."]
+        more = f"Allow more model runs: set true_runs = {enough} or more, then rerun with --resume."
+        return [calibration.hint or more]
     # A prior that the data contradict comes before all other problems.
     sentences = [
         f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors if warned.cure

@@ -25,6 +25,7 @@ from structid.inference.prediction.error_growth import ErrorGrowth, error_growth
 from structid.inference.prediction.over_draws import median, quantiles
 from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.models.base import Model
+from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.observation import Observation
 
 PEAK_SHARE = (0.5, 0.5)
@@ -349,6 +350,8 @@ class Predictor:
             model, parameters = posterior.likelihood.on_record(theta, record, hidden, index)
             if set(channels) - set(model.channels):
                 model = model.recording(*channels)
+        if index is None:
+            return simulate_in_steps_it_needs(model, parameters, record, progress, posterior.map)
         return model.simulate(parameters, record, progress=progress, map=posterior.map)
 
     def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:

@@ -20,6 +20,7 @@ from structid.inference.error_model_choice import ErrorModelChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.base import Model
+from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.models.hysteretic.loop_lines import LoopLines
 from structid.observation import Observation
 from structid.reliability.parameter_study import ParameterStudy
@@ -154,9 +155,8 @@ def simulated_loops(
     loops = model.loop_channels
     if not loops:
         return {}
-    histories = model.recording(
-        *(channel for channels_of_loop in loops.values() for channel in channels_of_loop)
-    ).simulate(parameters, record)
+    recording = model.recording(*(channel for channels_of_loop in loops.values() for channel in channels_of_loop))
+    histories = simulate_in_steps_it_needs(recording, parameters, record)
     columns = {
         name: [histories.channels.index(channel) for channel in channels_of_loop]
         for name, channels_of_loop in loops.items()

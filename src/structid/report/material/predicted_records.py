@@ -10,7 +10,8 @@ import numpy as np
 from structid.core.units import factor
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.prediction.prediction import first_that_takes, predict
+from structid.inference.prediction.prediction import Prediction, first_that_takes, predict
+from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.report.material.material import PosteriorMaterial
 from structid.report.material.predicted_band import PredictedBand
 from structid.report.tables import number
@@ -61,8 +62,16 @@ class PredictedRecord:
         draws = predict(
             self._posterior, material.draws, self.record, self.channels, seed=result.seed, drift=result.drift
         )
-        best = predict(self._posterior, material.best[None], self.record, self.channels, scaled=False)
-        return PredictedBand(draws, best.response[0])
+        return PredictedBand(draws, self._best.response[0])
+
+    @cached_property
+    def _best(self) -> Prediction:
+        return predict(self._posterior, self._material.best[None], self.record, self.channels, scaled=False)
+
+    @property
+    def runs(self) -> bool:
+        """Whether the run of the MAP estimate succeeds."""
+        return len(self._best.response) > 0
 
     @cached_property
     def truth(self) -> np.ndarray | None:
@@ -70,7 +79,8 @@ class PredictedRecord:
         model = self._material.truths[0]
         if model is None:
             return None
-        simulated = model.recording(*self.band.channels).simulate(np.zeros((1, 0)), self.record)
+        recording = model.recording(*self.band.channels)
+        simulated = simulate_in_steps_it_needs(recording, np.zeros((1, 0)), self.record)
         return np.asarray(simulated.values[0])
 
     def inside(self, column: int) -> float | None:
@@ -93,7 +103,16 @@ class PredictedRecord:
 
 
 def predicted_records(material: PosteriorMaterial) -> list[PredictedRecord]:
-    """Predictions for all other records of the study, computed once."""
+    """Predictions for the other records of the study under which the model runs, computed once."""
+    return [prediction for prediction in _every_record(material) if prediction.runs]
+
+
+def names_of_failing_records(material: PosteriorMaterial) -> list[str]:
+    """Names of the other records of the study under which the model fails."""
+    return [prediction.name for prediction in _every_record(material) if not prediction.runs]
+
+
+def _every_record(material: PosteriorMaterial) -> list[PredictedRecord]:
     key = "other records"
     if key not in material.shared:
         material.shared[key] = [PredictedRecord(material, record) for record in material.other_records]

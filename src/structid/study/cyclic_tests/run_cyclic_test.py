@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.law_choice.choose_model import LawChoice, choose_model
+from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.report.material.cyclic_material import CyclicMaterial, PredictedResponse
 from structid.report.page import write_cyclic_report
 from structid.study.cyclic_tests.cyclic_test_file import parse_cyclic_test
@@ -79,6 +80,6 @@ def _responses(planned: PlannedCyclicTest, choice: LawChoice) -> dict[str, Predi
     chosen = draws[np.linspace(0, len(draws) - 1, dynamics.draws).astype(int), : len(model.free)]
     responses = {}
     for record in planned.records:
-        runs = model.simulate(chosen, record)
+        runs = simulate_in_steps_it_needs(model, chosen, record)
         responses[record.name] = PredictedResponse(record.time, runs.values[runs.done], int((~runs.done).sum()))
     return responses

@@ -7,7 +7,7 @@ import functools
 from structid.core.units import STANDARD_GRAVITY, label
 from structid.figures.style import pretty_unit
 from structid.report.material.material import PosteriorMaterial
-from structid.report.material.predicted_records import PredictedRecord, predicted_records
+from structid.report.material.predicted_records import PredictedRecord, names_of_failing_records, predicted_records
 from structid.report.section import Drawing, Picture, Section, Table
 
 
@@ -37,9 +37,15 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 def _words(material: PosteriorMaterial) -> list[str]:
     if not material.other_records:
         return []
+    failing = [
+        f"The model fails under the record {name}: no prediction." for name in names_of_failing_records(material)
+    ]
+    if not predicted_records(material):
+        return failing
     words = [
+        *failing,
         "The predicted peak is the peak of the structure: it includes the model error, but not the instrument noise. The inner "
-        "band shows the model response only. The outer band shows the expected reading of an instrument."
+        "band shows the model response only. The outer band shows the expected reading of an instrument.",
     ]
     band = predicted_records(material)[0].band
     if band.peak_ratio is None or (band.peak_ratio == 1.0).all():
