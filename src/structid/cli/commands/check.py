@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,10 +49,15 @@ def check(
     if plot is not None:
         for figure in sizes.plot(plot):
             print_plainly(f"Figure: {figure}")
-    if not sizes.questions:
+    _conclude(study, sizes.questions)
+
+
+def _conclude(study: Path, questions: Sequence[str]) -> None:
+    """Print the doubts about a study, and exit with `WRONG_INPUT` if there are any."""
+    if not questions:
         screen.print(f"[bold green]{study} is in order.[/]")
         return
-    for question in sizes.questions:
+    for question in questions:
         print_plainly(f"? {question}", style="bold red")
     raise typer.Exit(WRONG_INPUT)
 
@@ -66,10 +72,7 @@ def _check_cyclic_test(study: Path) -> None:
     print_plainly(f"Laws to choose among: {', '.join(planned.laws)}")
     for line in quantities_in_si(study):
         print_plainly(line)
-    for question in planned.test.questions:
-        print_plainly(f"? {question}", style="bold red")
-    if not planned.test.questions:
-        screen.print(f"[bold green]{study} is in order.[/]")
+    _conclude(study, planned.test.questions)
 
 
 def _describe(built: BuiltStudy) -> None:
