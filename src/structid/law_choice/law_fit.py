@@ -49,10 +49,8 @@ SAMPLERS = {
     False: SMC(particles=100, ensembles=2, steps=100, effective_share=0.5, correlation=0.4, independent=0.9, scouts=0),
 }
 """Samplers of the posterior, for fast laws and for those that divide the moves of a test into many steps."""
-PILOT_STEPS = 60
-"""Moves of the particles in the first run, around which the second reference density is fitted."""
-MOST_RUNS = 3
-"""Largest number of tempering runs."""
+STEPS_OF_RUN = (0.5, 1.0, 2.5)
+"""Moves of the particles in each tempering run, relative to the sampler's; the first is a pilot for the next reference density."""
 FAST = 0.1
 """Accurate move from which a law is fast."""
 WIDER = 1.5
@@ -192,11 +190,11 @@ class LawFit:
         mode, rng = self._mode(), stream(seed, Purpose.HYSTERETIC_LAW)
         phi = mode.middle + rng.normal(size=(1, settings.particles, posterior.dimension)) @ mode.factor.T
         particles = EnsembleState(phi, posterior.evaluate(phi[0])[0][None])
-        for run in range(MOST_RUNS):
+        for run in range(len(STEPS_OF_RUN)):
             reference = FromReference(posterior, particles, [mode])
             kept = None if store is None else store.with_suffix(f".{run}.h5")
             run_seed = derived_seed(seed, Purpose.HYSTERETIC_LAW, run)
-            steps = settings.steps if run else PILOT_STEPS
+            steps = int(settings.steps * STEPS_OF_RUN[run])
             result = replace(sample(reference, replace(settings, steps=steps), run_seed, kept), target=posterior)
             if run and result.verdict().converged:
                 break
