@@ -105,6 +105,15 @@ def test_the_scales_are_those_of_the_specimen(shaken):
     assert alone.largest_displacement == pytest.approx(shaken.largest_displacement, rel=0.5)
 
 
+def test_a_wrong_unit_is_questioned(shaken):
+    assert shaken.questions == ()
+    # A wrong mass goes unseen here: stiffness and force are wrong by the same factor.
+    in_tons = MotionTest(responses(), mass=MASS / 1e3, own_priors=DAMPING)
+    assert in_tons.questions == ()
+    small = [si.Observation(o.record, 1e-3 * o.values, channels=o.channels) for o in responses()]
+    assert "at the end of the range" in MotionTest(small, mass=MASS, own_priors=DAMPING).questions[0]
+
+
 def test_the_first_part_has_most_of_the_response_and_the_same_priors(shaken):
     first, law = shaken.first, law_of("test", "bilinear")
     assert first is not None

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from structid.core.errors import InputError
+from structid.core.errors import ConvergenceError, InputError
 from structid.core.hashing import digest
 from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import DisplacementHistory, Excitation
@@ -116,9 +116,8 @@ class MotionTest(SpecimenTest):
 
     def __str__(self) -> str:
         measured = ", ".join(observation.channels[0].replace("_", " ") for observation in self.observations)
-        natural = float(np.sqrt(self._linear_fit[0] / self._median("mass"))) / (2.0 * np.pi)
         return (
-            f"MotionTest {self.name}: {measured}; the best linear spring has {natural:.3g} Hz, "
+            f"MotionTest {self.name}: {measured}; the best linear spring has {self._natural_frequency:.3g} Hz, "
             f"{1e3 * self.largest_displacement:.3g} mm, {1e-3 * self.largest_force:.3g} kN"
         )
 
@@ -246,6 +245,8 @@ class MotionTest(SpecimenTest):
         theta[:, [space.names.index(name) for name in ends]] = grid
         residuals = linear.residuals(Linear(), space)(theta)
         errors = np.array([self.unexplained(r) for r in residuals])
+        if not np.isfinite(errors).any():
+            raise ConvergenceError("No linear spring can follow the motion: every run fails. Check record and mass.")
         best = grid[int(np.nanargmin(errors))]
         oscillator = linear.model(Linear(), tuple(ends)).recording("displacement")
         records = {o.record.content_hash: o.record for o in self.observations}
@@ -257,6 +258,22 @@ class MotionTest(SpecimenTest):
         """Frequencies that the steps of every record follow."""
         longest = max(observation.record.dt for observation in self.observations)
         return FREQUENCIES[0.2 / longest > FREQUENCIES]
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Doubts about the measurement, in sentences."""
+        frequency = self._natural_frequency
+        if FREQUENCIES[1] < frequency < self._followed_frequencies[-2]:
+            return ()
+        return (
+            f"The linear spring that fits the responses best has {frequency:.3g} Hz, at the end of the range that was tried. Are "
+            "the units of mass, record and measurement right, and do record and measurement begin together?",
+        )
+
+    @property
+    def _natural_frequency(self) -> float:
+        """Natural frequency of the best linear spring [Hz]."""
+        return float(np.sqrt(self._linear_fit[0] / self._median("mass"))) / (2.0 * np.pi)
 
     @property
     def initial_stiffness(self) -> float:

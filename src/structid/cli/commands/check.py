@@ -49,7 +49,7 @@ def check(
     if plot is not None:
         for figure in sizes.plot(plot):
             print_plainly(f"Figure: {figure}")
-    _conclude(study, sizes.questions)
+    _conclude(study, (*sizes.questions, *(() if built.motion_test is None else built.motion_test.questions)))
 
 
 def _conclude(study: Path, questions: Sequence[str]) -> None:
