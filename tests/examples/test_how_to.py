@@ -17,6 +17,10 @@ SMALLER = {
     "wall": {"sample(2000": "sample(30", "width=5.0": "width=4.9", 'animate("wall.gif")': 'animate("wall.gif", 4)'},
     "hybrid_test": {"trim(4.0, 9.0)": "trim(4.0, 5.0)"},
     "certify_draws": {},
+    "shaken_specimen": {
+        "[displacement, acceleration]": "measured",
+        "si.choose_model(test)": 'si.choose_model(test, ["linear", "bilinear"])',
+    },
     "cyclic_test": {
         "choice = si.choose_model(test)  # all laws\n": "",
         'test = si.CyclicTest.read("wall.csv", "mm", "kN", displacement_column=0, force_column=1)\n': "",

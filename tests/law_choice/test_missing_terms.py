@@ -81,6 +81,7 @@ def test_a_missing_term_is_found_where_it_is_and_not_where_it_is_not():
     assert "follows no function" in none.sentence
 
 
+@pytest.mark.slow
 def test_a_law_with_its_missing_term_is_one_of_the_compared_laws():
     choice = si.choose_model(specimen(COEFFICIENT), ["elastic_plastic", "bilinear"], [IID()], seed=1)
     assert choice.missing is not None

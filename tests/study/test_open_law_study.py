@@ -86,6 +86,7 @@ def test_the_law_is_chosen_and_calibrated(finished):
     assert float(draws["hardening"].mean()) == pytest.approx(0.05, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_continued_study_and_a_new_report_fit_nothing_again(finished, folder):
     out, printed = finished
     before = {path.name: path.stat().st_mtime_ns for path in out.glob("*.journal")}
@@ -102,6 +103,19 @@ def test_check_says_what_stands_in_for_the_law(folder):
     assert checked.returncode == 0, checked.stderr
     assert "The data choose the hysteretic law when the study runs." in checked.stdout
     assert "Choosing the hysteretic law: about" in checked.stdout
+
+
+def test_commands_that_need_one_law_say_so(folder):
+    """They would use the law that stands in for the chosen one."""
+    for command in (
+        ("sbc", "study.toml"),
+        ("serve", "study.toml"),
+        ("certify", "study.toml", "draws.csv", "--out", "c"),
+    ):
+        refused = structid(*command, cwd=folder)
+        assert refused.returncode == 2
+        assert "the name of a law" in " ".join((refused.stdout + refused.stderr).split())
+        assert "Traceback" not in refused.stderr
 
 
 @pytest.mark.parametrize(
@@ -127,6 +141,7 @@ def test_mistakes_get_one_message(folder, tmp_path, old, new, message):
     assert "Traceback" not in checked.stderr
 
 
+@pytest.mark.slow
 def test_a_specimen_without_yielding_is_linear():
     record = si.GroundMotion.synthetic(seed=4, arias=0.02).trim(2.0, 10.0)
     specimen = si.Hysteretic("bilinear", LAW, mass=MASS, damping_ratio=0.03, channels=("absolute_acceleration",))

@@ -34,15 +34,15 @@ from structid.law_choice.extrapolation import (
     weights_by_prediction,
 )
 from structid.law_choice.fit_store import FitStore
-from structid.law_choice.law_comparison import LawCandidate, LawComparison, compare_laws, minima_of_first, pair_fits
-from structid.law_choice.law_fit import LawFit, refine_law
-from structid.law_choice.missing_terms import MissingTerms, find_missing_terms
+from structid.law_choice.law_comparison import LawCandidate, LawComparison, compare_laws, minima_of_first
+from structid.law_choice.law_fit import refine_law
+from structid.law_choice.missing_terms import MissingTerms, candidates_with_terms, find_missing_terms
 from structid.law_choice.motion_test import MotionTest
 from structid.law_choice.specimen_test import SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
+from structid.mechanics.hysteretic_laws.linear import Linear
 from structid.models.hysteretic.hysteretic import Hysteretic
-from structid.optimize.many_starts import Minimum
 
 LITTLE = 0.8
 """Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
@@ -255,8 +255,9 @@ def choose_model(
     >>> choice = si.choose_model(test)  # doctest: +SKIP
     >>> choice.result.summary()  # doctest: +SKIP
     """
-    names = list(LAWS)[isinstance(test, CyclicTest) :] if laws is None else laws
-    candidates_of = [law_of("choose_model(laws)", law) for law in names]
+    if laws is None:
+        laws = [name for name in LAWS if name != Linear.word or isinstance(test, MotionTest)]
+    candidates_of = [law_of("choose_model(laws)", law) for law in laws]
     if not candidates_of:
         raise InputError("choose_model(laws)", "no law", f"one or more of {', '.join(LAWS)}")
     for errors in error_models:
@@ -269,34 +270,12 @@ def choose_model(
     if isinstance(test, CyclicTest):
         missing = find_missing_terms(test, compared.chosen)
         if missing.holds:
-            compared = compared.with_candidates(_with_terms(compared.chosen, missing, error_models, store))
+            compared = compared.with_candidates(candidates_with_terms(compared.chosen, missing, error_models, store))
         for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
     draws = compared.chosen.fit.sampled(seed, None if folder is None else Path(folder) / DRAWS_OF_LAW)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
     return LawChoice(**of_comparison, result=draws, on_parts=tuple(on_parts), missing=missing)
-
-
-def _with_terms(
-    chosen: LawCandidate, missing: MissingTerms, error_models: Sequence[ErrorModel], store: FitStore
-) -> list[LawCandidate]:
-    """Fit the chosen law with further terms, from its own best parameters and those of the terms."""
-    law = missing.extended
-
-    def fits_to(fit: LawFit) -> list[LawFit]:
-        space, known = fit.test.unknowns(law), dict(zip(fit.fitted, fit.minimum.x, strict=True))
-        without = np.array([known.get(name, 0.0) for name in space.names])
-        starts = np.stack([without, without])
-        for number, coefficient in enumerate(missing.coefficients, start=1):
-            name = f"term_{number}"
-            probability = space.marginals[name].cdf(np.array([coefficient]))[0].clip(SMALLEST, 1.0 - SMALLEST)
-            starts[1, space.names.index(name)] = scipy.special.ndtri(probability)
-        minima = [Minimum(x, fit.minimum.value, fit.minimum.mean_squares, np.eye(len(x))) for x in starts]
-        return store.fits(law, fit.test, error_models, lambda: refine_law(fit.test, law, minima, error_models))
-
-    fits = fits_to(chosen.fit)
-    of_first = fits_to(chosen.of_first) if fits and chosen.of_first is not None else []
-    return pair_fits(fits, of_first)
 
 
 def by_size(laws: Sequence[HystereticLaw]) -> list[HystereticLaw]:

@@ -10,12 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.special
 from jaxtyping import Float, Int
 
+from structid.inference.error_models.base import ErrorModel
 from structid.law_choice.cyclic_test import FIRST_PART, CyclicTest
-from structid.law_choice.law_comparison import LawCandidate
+from structid.law_choice.fit_store import FitStore
+from structid.law_choice.law_comparison import LawCandidate, pair_fits
+from structid.law_choice.law_fit import LawFit, refine_law
 from structid.mechanics.hysteretic_laws.added_terms import TERMS, SpringState, law_with_terms, states_along
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
+from structid.optimize.many_starts import Minimum
 
 MOST_TERMS = 2
 """Largest number of terms; on ten real tests a third one seldom held in later half-cycles."""
@@ -25,6 +30,8 @@ SHOWN = 2.0
 """Gain of a term in the half-cycles, in standard errors, that it needs to be added."""
 LEAST = 0.03
 """Part of the residual variance that it must explain."""
+SMALLEST = 1e-15
+"""Smallest probability of a tail of a coefficient's prior."""
 TINY = 1e-9
 """Regularisation of the normal equations, for terms that are zero in most half-cycles."""
 HOLDS = 0.05
@@ -119,6 +126,28 @@ def find_missing_terms(test: CyclicTest, candidate: LawCandidate) -> MissingTerm
     matrix = _matrix(names, states)
     coefficients = np.linalg.lstsq(matrix[:start], residuals[:start], rcond=None)[0]
     return MissingTerms(type(fit.law)(), tuple(names), coefficients, residuals, matrix @ coefficients, start, scales)
+
+
+def candidates_with_terms(
+    chosen: LawCandidate, missing: MissingTerms, error_models: Sequence[ErrorModel], store: FitStore
+) -> list[LawCandidate]:
+    """Fit the chosen law with further terms, from its own best parameters and those of the terms."""
+    law = missing.extended
+
+    def fits_to(fit: LawFit) -> list[LawFit]:
+        space, known = fit.test.unknowns(law), dict(zip(fit.fitted, fit.minimum.x, strict=True))
+        without = np.array([known.get(name, 0.0) for name in space.names])
+        starts = np.stack([without, without])
+        for number, coefficient in enumerate(missing.coefficients, start=1):
+            name = f"term_{number}"
+            probability = space.marginals[name].cdf(np.array([coefficient]))[0].clip(SMALLEST, 1.0 - SMALLEST)
+            starts[1, space.names.index(name)] = scipy.special.ndtri(probability)
+        minima = [Minimum(x, fit.minimum.value, fit.minimum.mean_squares, np.eye(len(x))) for x in starts]
+        return store.fits(law, fit.test, error_models, lambda: refine_law(fit.test, law, minima, error_models))
+
+    fits = fits_to(chosen.fit)
+    of_first = fits_to(chosen.of_first) if fits and chosen.of_first is not None else []
+    return pair_fits(fits, of_first)
 
 
 def _selected(states: SpringState, residuals: Float[np.ndarray, " time"], turns: Int[np.ndarray, " turn"]) -> list[str]:

@@ -15,7 +15,7 @@ from structid.core.journal import write_then_rename
 from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.page import write_certificate_report
 from structid.study.folder_layout import TIMINGS
-from structid.study.run import load
+from structid.study.run import load_of_one_law
 from structid.study.schema.study_file import study_text
 from structid.study.timings import Stage, StepProgress, Timings, silent
 
@@ -34,7 +34,7 @@ def certify_draws(
 ) -> tuple[Certificate, Path]:
     """Certify draws in a file as draws from the posterior of a study."""
     began = time.perf_counter()
-    study, folder = load(path), Path(out)
+    study, folder = load_of_one_law(path), Path(out)
     if study.posterior is None:
         raise InputError("structid certify", f"a study without [observation]: {path}", "a study with a measurement")
     folder.mkdir(parents=True, exist_ok=True)

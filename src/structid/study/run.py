@@ -12,7 +12,7 @@ from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runs import Runs
 from structid.campaign.store import CAMPAIGN_RUNS, open_runs
 from structid.core.by_type import ByType
-from structid.core.errors import StructidWarning
+from structid.core.errors import InputError, StructidWarning
 from structid.inference.sampling_result import SamplingResult
 from structid.report.material.material import PosteriorMaterial, RunsMaterial
 from structid.report.page import PAGE, write_runs_report
@@ -54,6 +54,19 @@ class StudyOutcome:
 def load(path: str | Path) -> BuiltStudy:
     """Read a study file and build the study."""
     return build(read_study(path), Path(path).resolve().parent)
+
+
+def load_of_one_law(path: str | Path) -> BuiltStudy:
+    """Read a study file and build the study; refuse a study whose hysteretic law is left to the data."""
+    study = load(path)
+    if study.motion_test is None:
+        return study
+    raise InputError(
+        f"{path}, key 'model.law'",
+        "a choice among laws",
+        "the name of a law",
+        "Run the study first; its report names the law.",
+    )
 
 
 def run_study(

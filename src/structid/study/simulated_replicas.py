@@ -11,7 +11,7 @@ from structid.core.errors import InputError
 from structid.inference.validation.simulation_based_calibration import Ranks, sbc
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import fitted_surrogate
-from structid.study.run import load
+from structid.study.run import load_of_one_law
 from structid.study.timings import Stage, silent
 from structid.surrogates.base import Surrogate
 
@@ -32,7 +32,7 @@ def check_by_simulation(
     simulates the measurements. The surrogate of a certified calibration is valid for one posterior only; for such a study, the
     built-in model itself is sampled.
     """
-    study = load(path)
+    study = load_of_one_law(path)
     if study.posterior is None:
         raise InputError(f"{path}", "a study without an observation", "a study with a measurement")
     folder = None if out is None else Path(out)

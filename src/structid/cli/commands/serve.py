@@ -21,11 +21,11 @@ def serve(
     """Serve the model and the posterior of a study over UM-Bridge (HTTP)."""
     from structid.models.external.um_bridge import check_address, is_this_machine
     from structid.models.external.um_bridge import serve as serve_models
-    from structid.study.run import load
+    from structid.study.run import load_of_one_law
     from structid.study.serve import offered
 
     check_address(host, port)
-    models = offered(load(study))
+    models = offered(load_of_one_law(study))
     if not is_this_machine(host):
         screen.print(
             f"There is no password: anyone who reaches {host}:{port} can run the model. Use --host 127.0.0.1 to prevent this.",
