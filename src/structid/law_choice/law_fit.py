@@ -46,7 +46,7 @@ CORRELATIONS = 1e-3, 0.9999
 """Smallest and largest correlation of neighbouring errors."""
 SAMPLERS = {
     True: SMC(particles=200, ensembles=2, steps=200, effective_share=0.5, correlation=0.3, independent=0.9, scouts=0),
-    False: SMC(particles=100, ensembles=2, steps=100, effective_share=0.5, correlation=0.4, independent=0.9, scouts=0),
+    False: SMC(particles=160, ensembles=2, steps=100, effective_share=0.5, correlation=0.4, independent=0.5, scouts=0),
 }
 """Samplers of the posterior, for fast laws and for those that divide the moves of a test into many steps."""
 STEPS_OF_RUN = (0.5, 1.0, 2.5)
