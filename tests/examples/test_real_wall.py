@@ -20,8 +20,8 @@ def blocks(language: str) -> list[str]:
 NUMBER = r"\d+(?:\.\d+)?"
 
 
-def said_in(sentence: str, text: str) -> bool:
-    """Whether a text has a sentence, with numbers that differ by less than a tenth: machines round differently."""
+def contains(sentence: str, text: str) -> bool:
+    """Return whether a text has a sentence, with numbers that differ by less than a tenth: machines round differently."""
     parts = re.split(f"({NUMBER})", " ".join(sentence.split()))
     pattern = "".join(f"({NUMBER})" if k % 2 else re.escape(part) for k, part in enumerate(parts))
     found = re.search(pattern, " ".join(text.split()))
@@ -54,6 +54,6 @@ def test_the_choice_is_that_of_the_page(folder):
     run = structid("run", "wall.toml", cwd=folder)
     assert run.returncode == 0, run.stderr
     first, choice, lacking = blocks("text")[2:5]
-    assert all(said_in(line, run.stdout) for line in first.strip().split("\n"))
-    assert said_in(choice, run.stdout)
-    assert said_in(lacking, run.stdout)
+    assert all(contains(line, run.stdout) for line in first.strip().split("\n"))
+    assert contains(choice, run.stdout)
+    assert contains(lacking, run.stdout)

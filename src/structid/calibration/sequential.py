@@ -255,13 +255,13 @@ class _Loop:
                 self.true.make(self.last.points(self.space.dimension))
             self.rounds.append(self._judged(entry, surrogate, self.last, training))
             _log.info("%s", self.rounds[-1])
-            self._say_once(hint_for_slow_rounds(self.rounds, self.posterior))
+            self._report_once(hint_for_slow_rounds(self.rounds, self.posterior))
             certificate = self.rounds[-1].certificate
             spent = self._left(len(self.true)) < 0 and not self._to_be_judged_again
             if certificate is not None and (certificate.certified or spent):
                 return self._result(number, surrogate)
 
-    def _say_once(self, hint: str) -> None:
+    def _report_once(self, hint: str) -> None:
         """Report the first lack of progress."""
         if hint and not self._hinted:
             _log.info("%s", hint)

@@ -30,7 +30,7 @@ LOST = 25.0
 """Residual variance, relative to the smallest so far, above which the search of a law ends early."""
 AS_GOOD = 1.2
 """Prediction error, relative to the smallest among the laws, up to which the evidence decides."""
-WORTH_SAYING = 0.5
+WORTH_REPORTING = 0.5
 """Part of the variance that is left unexplained, below which a law is worth a message during the search."""
 DECISIVE = 5.0
 """Log evidence for a mechanism that counts as shown [nat]."""
@@ -222,7 +222,7 @@ def compare_laws(
         give_up = least + 0.5 * len(part.scales) * np.log(LOST)
         minima_of[law] = store.minima(law, part, partial(search_law, part, law, seed, give_up))
         unexplained = _unexplained(part, minima_of[law])
-        if unexplained < WORTH_SAYING and minima_of[law][0].value < least - DECISIVE:
+        if unexplained < WORTH_REPORTING and minima_of[law][0].value < least - DECISIVE:
             shown = f"leaves {100.0 * unexplained:.2g} % of the variance of {test.quantity} unexplained"
             log.info("After %d of %d laws: the %s %s.", number, len(laws), law.title, shown)
         if progress is not None:
