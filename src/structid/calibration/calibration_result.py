@@ -29,8 +29,6 @@ from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
 """Standard deviations of a round's log weights and surrogate error below which a certificate is likely [nat]."""
-
-
 SLOW_ROUNDS = 3
 """Number of rounds after which a lack of progress is reported."""
 SMALLEST_EXPONENT = 1e-3

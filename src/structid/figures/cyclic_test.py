@@ -53,6 +53,7 @@ def loops_of_law(
 @styled
 def missing_terms(
     displacement: Float[np.ndarray, " time"],
+    cumulative: Float[np.ndarray, " time"],
     residual: Float[np.ndarray, " time"],
     terms: Float[np.ndarray, " time"],
     start: int,
@@ -62,13 +63,12 @@ def missing_terms(
     """Draw the force that a law leaves, and its missing terms: over the displacement, and along the test."""
     figure, axes = canvas(1, 2, height=2.6, sharey=True)
     over, along = axes[0]
-    way = 1e-3 * np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
-    for axis, x, name in ((over, displacement, NAMES[0]), (along, way, "cumulative displacement [m]")):
+    for axis, x, name in ((over, displacement, NAMES[0]), (along, cumulative, "cumulative displacement [m]")):
         axis.plot(x, residual, color=MUTED, lw=0.6, label="left by the law")
         axis.plot(x, terms, color=ACCENT, lw=0.7, label="missing terms")
         axis.set_xlabel(name)
-    if start < len(way):
-        along.axvline(way[start], color=MEASURED, lw=0.7, ls="--")
+    if start < len(cumulative):
+        along.axvline(cumulative[start], color=MEASURED, lw=0.7, ls="--")
     over.set_ylabel(NAMES[1])
     over.legend(loc="upper left")
     return finish(figure, title, save)

@@ -6,22 +6,18 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.special
 from jaxtyping import Float
 
 from structid.core.errors import InputError
-from structid.core.hashing import digest
 from structid.core.progress import Progress
 from structid.core.streams import Purpose, stream
 from structid.core.validation import check_arguments
 from structid.inference.error_models.base import ErrorModel
-from structid.inference.error_models.independent import IID
-from structid.inference.error_models.kernels import AR1
 from structid.inference.sampling_result import SamplingResult
 from structid.law_choice.cyclic_test import FEWEST, CyclicTest
 from structid.law_choice.extrapolation import (
@@ -34,11 +30,10 @@ from structid.law_choice.extrapolation import (
     weights_by_prediction,
 )
 from structid.law_choice.fit_store import FitStore
-from structid.law_choice.law_comparison import LawCandidate, LawComparison, compare_laws, minima_of_first
+from structid.law_choice.law_comparison import ERROR_MODELS, LawCandidate, LawComparison, compare_laws, minima_of_first
 from structid.law_choice.law_fit import refine_law
 from structid.law_choice.missing_terms import MissingTerms, candidates_with_terms, find_missing_terms
 from structid.law_choice.motion_test import MotionTest
-from structid.law_choice.specimen_test import SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
 from structid.mechanics.hysteretic_laws.linear import Linear
@@ -48,8 +43,8 @@ LITTLE = 0.8
 """Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
 SMALLEST = 1e-15
 """Smallest probability of a tail."""
-FITS, DRAWS_OF_LAW = "laws.journal", "chains.h5"
-"""Files of the fitted laws and of the draws."""
+DRAWS_OF_LAW = "chains.h5"
+"""File of the draws in a folder."""
 DRAWS = 1000
 """Number of draws of a predicted force."""
 
@@ -210,7 +205,7 @@ class LawChoice(LawComparison):
 def choose_model(
     test: CyclicTest | MotionTest,
     laws: Sequence[str | HystereticLaw] | None = None,
-    error_models: Sequence[ErrorModel] = (IID(), AR1(white=0.0)),
+    error_models: Sequence[ErrorModel] = ERROR_MODELS["auto"],
     *,
     seed: int = 0,
     folder: str | os.PathLike[str] | None = None,
@@ -264,8 +259,8 @@ def choose_model(
         given = errors.describe()
         if given["kind"] != "iid" and not (given["kind"] == "ar1" and given.get("white") == 0.0):
             raise InputError("choose_model(error_models)", f"{type(errors).__name__}", "IID() and AR1(white=0.0)")
-    ladder, store = by_size(candidates_of), fit_store(test, candidates_of, error_models, seed, folder)
-    compared = compare_laws(test, ladder, error_models, seed, store, progress)
+    store = FitStore.of_choice(test, candidates_of, error_models, seed, folder)
+    compared = compare_laws(test, candidates_of, error_models, seed, store, progress)
     missing, on_parts = None, []
     if isinstance(test, CyclicTest):
         missing = find_missing_terms(test, compared.chosen)
@@ -276,37 +271,6 @@ def choose_model(
     draws = compared.chosen.fit.sampled(seed, None if folder is None else Path(folder) / DRAWS_OF_LAW)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
     return LawChoice(**of_comparison, result=draws, on_parts=tuple(on_parts), missing=missing)
-
-
-def by_size(laws: Sequence[HystereticLaw]) -> list[HystereticLaw]:
-    """Return laws in the order of their number of parameters."""
-    return sorted(laws, key=lambda law: len(law.parameters()))
-
-
-def fit_store(
-    test: SpecimenTest,
-    laws: Sequence[HystereticLaw],
-    error_models: Sequence[ErrorModel],
-    seed: int,
-    folder: str | os.PathLike[str] | None,
-) -> FitStore:
-    """Return the store of the fits of laws, in a folder if there is one."""
-    return FitStore(None if folder is None else Path(folder) / FITS, _identity(test, by_size(laws), error_models, seed))
-
-
-def _identity(
-    test: SpecimenTest, laws: Sequence[HystereticLaw], error_models: Sequence[ErrorModel], seed: int
-) -> dict[str, Any]:
-    """Return all on which the fits depend."""
-    priors = [test.priors(law).content_hash for law in laws]
-    return {
-        "test": test.content_hash,
-        "laws": [
-            f"{law.word} {digest([dataclasses.asdict(law), prior])}" for law, prior in zip(laws, priors, strict=True)
-        ],
-        "error_models": digest([errors.describe() for errors in error_models]),
-        "seed": seed,
-    }
 
 
 def _on_parts(
@@ -327,8 +291,7 @@ def _on_parts(
     ends = sorted({test.until(share) for share in ORIGINS} - {len(first.force)})
     shorter = [test.part(slice(0, end)) for end in ends if end >= FEWEST]
     earlier = [
-        store.fits(law, part, error_models, lambda part=part: refine_law(part, law, starts, error_models))  # type: ignore[misc]
-        for part in shorter
+        store.fits(law, part, error_models, partial(refine_law, part, law, starts, error_models)) for part in shorter
     ]
     if not all(earlier):
         return []

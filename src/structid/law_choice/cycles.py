@@ -75,6 +75,11 @@ class Cycles(ShownAsText):
         return "\n".join(lines)
 
 
+def cumulative_displacement(displacement: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """Return the sum of all moves so far [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
+
+
 def cycles_along(
     displacement: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"], ends: Int[np.ndarray, " end"]
 ) -> Cycles:

@@ -17,10 +17,9 @@ from structid.core.hashing import digest
 from structid.core.validation import check_arguments, real_array
 from structid.data_files.loop_columns import read_loop_columns
 from structid.ground_motion.excitation import DisplacementHistory
-from structid.law_choice.cycles import Cycles, cycle_ends, cycles_along
+from structid.law_choice.cycles import Cycles, cumulative_displacement, cycle_ends, cycles_along
 from structid.law_choice.specimen_test import Residuals, SensorValues, SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
-from structid.mechanics.hysteretic_laws.default_priors import scaled
 from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.models.hysteretic.law_values import MODEL_PARAMETERS
 from structid.observation import Observation
@@ -264,7 +263,7 @@ class CyclicTest(SpecimenTest):
         """
         if len(self.force) <= samples:
             return self
-        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self.displacement)))])
+        way = cumulative_displacement(self.displacement)
         even = np.searchsorted(way, np.linspace(0.0, way[-1], samples))
         return self.part(np.unique(np.concatenate([even.clip(0, len(way) - 1), self.turns])))
 
@@ -377,15 +376,9 @@ class CyclicTest(SpecimenTest):
         ParameterSpace
             Priors of its parameters, in kN and mm.
         """
-        scales = {
-            "N/m": (1e-6 * self.initial_stiffness, "kN/mm"),
-            "N": (1e-3 * self.largest_force, "kN"),
-            "m": (1e3 * self.largest_displacement, "mm"),
-            "": (1.0, ""),
-        }
         described = law.parameters() | {"force_offset": MODEL_PARAMETERS["force_offset"]}
         priors = {name: p for name, p in described.items() if name not in known}
-        return ParameterSpace({n: scaled(p.prior, *scales[p.unit]) for n, p in priors.items() if p.prior is not None})
+        return ParameterSpace({n: self.default_prior(p) for n, p in priors.items() if p.prior is not None})
 
     # --- as the choice of a law uses it; see `SpecimenTest` -----------------------------------------------------
 

@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from structid.core.errors import ConvergenceError
 from structid.core.streams import Purpose, stream
+from structid.law_choice.cycles import cumulative_displacement
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.law_choice.law_fit import LawFit
 
@@ -39,15 +40,10 @@ def distance_beyond(
     displacement: Float[np.ndarray, " time"], known: Float[np.ndarray, " known_time"]
 ) -> Float[np.ndarray, "time 2"]:
     """Return ln(a/a₀) and ln(w/w₀), with the largest and the cumulative displacement so far, a and w; zero within the data."""
-    amplitude, cumulative = np.maximum.accumulate(np.abs(displacement)), _cumulative(displacement)
-    largest, whole = np.abs(known).max(), max(_cumulative(known)[-1], np.finfo(float).tiny)
+    amplitude, cumulative = np.maximum.accumulate(np.abs(displacement)), cumulative_displacement(displacement)
+    largest, whole = np.abs(known).max(), max(cumulative_displacement(known)[-1], np.finfo(float).tiny)
     ratios = np.stack([amplitude / largest, cumulative / whole], axis=1)
     return np.asarray(np.log(np.maximum(ratios, 1.0)))
-
-
-def _cumulative(displacement: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Return the sum of all moves so far [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
 
 
 @dataclass(frozen=True, eq=False)

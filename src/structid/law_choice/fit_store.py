@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from structid.core.hashing import digest
 from structid.core.journal import Journal
 from structid.inference.error_models.base import ErrorModel
 from structid.law_choice.law_fit import LawFit
@@ -19,12 +22,39 @@ SCHEMA = 2
 """Version of the layout."""
 
 
+FITS = "laws.journal"
+"""File of the fitted laws in a folder."""
+
+
+def by_size(laws: Sequence[HystereticLaw]) -> list[HystereticLaw]:
+    """Return laws in the order of their number of parameters."""
+    return sorted(laws, key=lambda law: len(law.parameters()))
+
+
 class FitStore:
     """Minima of laws by name and number of measured values, in a journal if there is a path."""
 
     def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
         self._journal = None if path is None else Journal(path, {"schema": SCHEMA, **identity})
         self._known = {str(entry["key"]): entry for entry in self._journal or ()}
+
+    @classmethod
+    def of_choice(
+        cls,
+        test: SpecimenTest,
+        laws: Sequence[HystereticLaw],
+        error_models: Sequence[ErrorModel],
+        seed: int,
+        folder: str | os.PathLike[str] | None,
+    ) -> FitStore:
+        """Return the store of the fits of laws to a test, in a folder if there is one."""
+        identity = {
+            "test": test.content_hash,
+            "laws": [f"{law.word} {digest([asdict(law), test.priors(law).content_hash])}" for law in by_size(laws)],
+            "error_models": digest([errors.describe() for errors in error_models]),
+            "seed": seed,
+        }
+        return cls(None if folder is None else Path(folder) / FITS, identity)
 
     def minima(self, law: HystereticLaw, test: SpecimenTest, search: Callable[[], list[Minimum]]) -> list[Minimum]:
         """Return the stored minima of a search, or search."""

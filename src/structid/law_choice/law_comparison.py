@@ -13,14 +13,23 @@ from structid.core.errors import ConvergenceError
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
 from structid.inference.error_models.base import ErrorModel
+from structid.inference.error_models.independent import IID
+from structid.inference.error_models.kernels import AR1
 from structid.law_choice.cyclic_test import FIRST_PART
-from structid.law_choice.fit_store import FitStore
+from structid.law_choice.fit_store import FitStore, by_size
 from structid.law_choice.law_fit import LawFit, errors_are_white, refine_law, search_law, without_mechanism
 from structid.law_choice.specimen_test import SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.optimize.many_starts import Minimum
 
 log = logging.getLogger(__name__)
+
+ERROR_MODELS: dict[str, tuple[ErrorModel, ...]] = {
+    "auto": (IID(), AR1(white=0.0)),
+    "iid": (IID(),),
+    "ar1": (AR1(white=0.0),),
+}
+"""Error models under which laws are compared, by the kind in a study file."""
 
 HOPELESS = {False: 6.0, True: 2.0}
 """Residual variance, relative to the smallest among the laws, above which a law is given up after its search.
@@ -215,19 +224,19 @@ def compare_laws(
     progress: Progress | None = None,
 ) -> LawComparison:
     """Fit every law from many starts, and choose one."""
-    part = test.searched
+    part, laws = test.searched, by_size(laws)
     minima_of: dict[HystereticLaw, list[Minimum]] = {}
+    left: dict[HystereticLaw, float] = {}
     for number, law in enumerate(laws, start=1):
         least = min((minima[0].value for minima in minima_of.values() if minima), default=np.inf)
         give_up = least + 0.5 * len(part.scales) * np.log(LOST)
         minima_of[law] = store.minima(law, part, partial(search_law, part, law, seed, give_up))
-        unexplained = _unexplained(part, minima_of[law])
-        if unexplained < WORTH_REPORTING and minima_of[law][0].value < least - DECISIVE:
-            shown = f"leaves {100.0 * unexplained:.2g} % of the variance of {test.quantity} unexplained"
+        left[law] = _unexplained(part, minima_of[law])
+        if left[law] < WORTH_REPORTING and minima_of[law][0].value < least - DECISIVE:
+            shown = f"leaves {100.0 * left[law]:.2g} % of the variance of {test.quantity} unexplained"
             log.info("After %d of %d laws: the %s %s.", number, len(laws), law.title, shown)
         if progress is not None:
             progress(number, 2 * len(laws))
-    left = {law: _unexplained(part, minima) for law, minima in minima_of.items()}
     best = min(laws, key=lambda law: left[law])
     limit = HOPELESS[bool(minima_of[best]) and errors_are_white(part, best, minima_of[best][0])] * left[best]
     kept = [law for law in laws if left[law] <= limit]

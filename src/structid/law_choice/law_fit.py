@@ -24,6 +24,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.law_choice.specimen_test import SensorValues, SpecimenTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
+from structid.models.finer_steps import in_finer_steps
 from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.optimize.many_starts import FARTHEST, Minimum, minima_from_many_starts, refined
 from structid.probability.space import ParameterSpace
@@ -133,8 +134,7 @@ class LawFit:
     def force(self, along: CyclicTest) -> Float[np.ndarray, " time"]:
         """Return the force of the best parameters under the displacements of a cyclic test [N]."""
         for finer in FINER:
-            model = replace(self.model, substeps=finer * self.model.substeps)
-            run = model.simulate(self.best[None], along.path)
+            run = in_finer_steps(self.model, finer).simulate(self.best[None], along.path)
             if run.done[0]:
                 break
         return np.asarray(run.values[0, along.rows, 0])
@@ -146,7 +146,7 @@ class LawFit:
         factor = np.linalg.cholesky(np.linalg.inv(self.minimum.curvature))
         x = self.minimum.x + rng.normal(size=(count, len(factor))) @ factor.T
         theta = _theta_of(self._space, np.clip(x, -FARTHEST, FARTHEST))
-        runs = replace(self.model, substeps=4 * self.model.substeps).simulate(theta, along.path)
+        runs = in_finer_steps(self.model, 4).simulate(theta, along.path)
         return np.asarray(runs.values[runs.done][:, along.rows, 0])
 
     @cached_property

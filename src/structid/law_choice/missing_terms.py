@@ -125,7 +125,7 @@ def find_missing_terms(test: CyclicTest, candidate: LawCandidate) -> MissingTerm
         names = _selected(SpringState(*(values[:start] for values in states)), residuals[:start], turns)
     matrix = _matrix(names, states)
     coefficients = np.linalg.lstsq(matrix[:start], residuals[:start], rcond=None)[0]
-    return MissingTerms(type(fit.law)(), tuple(names), coefficients, residuals, matrix @ coefficients, start, scales)
+    return MissingTerms(fit.law, tuple(names), coefficients, residuals, matrix @ coefficients, start, scales)
 
 
 def candidates_with_terms(

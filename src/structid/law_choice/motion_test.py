@@ -19,9 +19,9 @@ from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.observation_likelihood import ObservationLikelihood
 from structid.law_choice.cyclic_test import FIRST_PART
 from structid.law_choice.specimen_test import Residuals, SensorValues, SpecimenTest
-from structid.mechanics.hysteretic_laws.base import HystereticLaw, LawParameter
-from structid.mechanics.hysteretic_laws.default_priors import scaled
+from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.linear import Linear
+from structid.models.finer_steps import in_finer_steps
 from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.models.hysteretic.hysteretic_parameters import DEFAULT_SUBSTEPS
 from structid.models.hysteretic.law_values import MODEL_PARAMETERS, PARAMETER_UNITS
@@ -201,7 +201,7 @@ class MotionTest(SpecimenTest):
         """
         return ParameterSpace(
             {
-                name: self.own_priors[name] if name in self.own_priors else self._default(described)
+                name: self.own_priors[name] if name in self.own_priors else self.default_prior(described)
                 for name, described in (law.parameters() | MODEL_PARAMETERS).items()
                 if name not in known
                 and name not in self.values
@@ -214,16 +214,6 @@ class MotionTest(SpecimenTest):
         if name in MODEL_PARAMETERS:
             return name == "force_offset" and any("restoring_force" in o.channels for o in self.observations)
         return law.parameters()[name].prior is not None
-
-    def _default(self, described: LawParameter) -> Marginal:
-        scales = {
-            "N/m": (1e-6 * self.initial_stiffness, "kN/mm"),
-            "N": (1e-3 * self.largest_force, "kN"),
-            "m": (1e3 * self.largest_displacement, "mm"),
-            "": (1.0, ""),
-        }
-        assert described.prior is not None
-        return scaled(described.prior, *scales[described.unit])
 
     # --- scales -------------------------------------------------------------------------------------------------
 
@@ -302,8 +292,7 @@ class MotionTest(SpecimenTest):
         """Return the errors of all sensors as a function of the parameters; see `SpecimenTest.residuals`."""
         of_law = law.parameters() | MODEL_PARAMETERS
         own = ParameterSpace({name: prior for name, prior in space.marginals.items() if name in of_law})
-        plain = self.model(law, own.names)
-        model = replace(plain, substeps=finer * plain.substeps)
+        model = in_finer_steps(self.model(law, own.names), finer)
         likelihood = JointLikelihood(own, model, self.observations, IID())
         columns = [likelihood.space.names.index(name) for name in space.names]
 

@@ -15,10 +15,12 @@ from structid.core.notebook import ShownAsText
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
 from structid.inference.likelihood.posterior import Posterior
-from structid.mechanics.hysteretic_laws.base import HystereticLaw
+from structid.mechanics.hysteretic_laws.base import HystereticLaw, LawParameter
+from structid.mechanics.hysteretic_laws.default_priors import scaled
 from structid.models.hysteretic.hysteretic import Hysteretic
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
+from structid.probability.truncation import Marginal
 
 Residuals = Callable[[Float[np.ndarray, "run parameter"]], Float[np.ndarray, "run value"]]
 """Measured minus modelled values of all sensors in SI, not finite for a run that failed."""
@@ -57,6 +59,21 @@ class SpecimenTest(ShownAsText, ABC):
 
     @property
     @abstractmethod
+    def initial_stiffness(self) -> float:
+        """Scale of the initial stiffness [N/m]."""
+
+    @property
+    @abstractmethod
+    def largest_force(self) -> float:
+        """Scale of the force [N]."""
+
+    @property
+    @abstractmethod
+    def largest_displacement(self) -> float:
+        """Scale of the displacement [m]."""
+
+    @property
+    @abstractmethod
     def content_hash(self) -> str:
         """Hash of all data and settings of the test."""
 
@@ -81,6 +98,17 @@ class SpecimenTest(ShownAsText, ABC):
     @abstractmethod
     def first(self) -> Self | None:
         """The first part of the test, from which the rest is predicted; None if the test cannot be divided."""
+
+    def default_prior(self, described: LawParameter) -> Marginal:
+        """Return the default prior of a parameter that has one, in the scales of the test, in kN and mm."""
+        scales = {
+            "N/m": (1e-6 * self.initial_stiffness, "kN/mm"),
+            "N": (1e-3 * self.largest_force, "kN"),
+            "m": (1e3 * self.largest_displacement, "mm"),
+            "": (1.0, ""),
+        }
+        assert described.prior is not None
+        return scaled(described.prior, *scales[described.unit])
 
     def unknowns(self, law: HystereticLaw, known: Collection[str] = ()) -> ParameterSpace:
         """Return priors of the model's parameters and of the sensors' parameters, without those of the errors."""

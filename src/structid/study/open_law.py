@@ -61,9 +61,9 @@ def motion_test_of(file: StudyFile, space: ParameterSpace, observations: Sequenc
     """Build the test from which the law is chosen, with what the file says of the specimen."""
     check_open_law(file)
     given = file.model.model_dump(exclude={"type", "law"}, exclude_none=True)
-    for name in sorted(set(given) & set(space.names)):
+    if both := sorted(set(given) & set(space.names)):
         raise InputError(
-            f"key 'parameters.{name}'", "it also has a value in [model]", "only one of the two", "Remove one."
+            f"key 'parameters.{both[0]}'", "it also has a value in [model]", "only one of the two", "Remove one."
         )
     settings = {name: given.pop(name) for name in ("mass", "damping_ratio", "damping", "substeps") if name in given}
     with within("table 'model'"):

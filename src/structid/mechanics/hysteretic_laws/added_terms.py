@@ -28,6 +28,15 @@ class SpringState(NamedTuple):
     p: Any  # largest displacement so far in the direction of u, over U
     e: Any  # absorbed energy over 4 F U
 
+    @classmethod
+    def of(
+        cls, deformation: Any, s: Any, force: Any, peaks: tuple[Any, Any], energy: Any, scales: tuple[float, float]
+    ) -> SpringState:
+        """Return a state from dimensional values; `peaks` are the largest negative and positive deformation so far."""
+        largest, strength = scales
+        peak = namespace(deformation).where(deformation >= 0.0, peaks[1], peaks[0])
+        return cls(deformation / largest, s, force / strength, peak / largest, energy / (4.0 * strength * largest))
+
     @property
     def reached(self) -> Any:
         """|u|/p: the part of the largest displacement so far that is reached now."""
@@ -43,7 +52,6 @@ class ForceTerm(NamedTuple):
 
 
 _FACTORS: dict[str, ForceTerm] = {
-    "1": ForceTerm("an offset", lambda x: 1.0 + 0.0 * x.u),
     "u": ForceTerm("an elastic force", lambda x: x.u),
     "|u|": ForceTerm("an elastic stiffness that differs in the two directions", lambda x: abs(x.u)),
     "u^2": ForceTerm("an elastic force that is curved to one side", lambda x: x.u**2),
@@ -72,10 +80,14 @@ def _product(factor: ForceTerm, growth: ForceTerm) -> ForceTerm:
 
 
 TERMS: dict[str, ForceTerm] = {
-    f"{growth} {name}".strip() if name != "1" else growth: _product(factor, of_growth)
-    for name, factor in _FACTORS.items()
-    for growth, of_growth in _GROWTH.items()
-    if name != "1" or growth  # every test has an offset already
+    # Every test has a constant offset already.
+    "p": ForceTerm("an offset, which grows with the peak displacement", lambda x: x.p),
+    "e": ForceTerm("an offset, which grows with the absorbed energy", lambda x: x.e),
+    **{
+        f"{growth} {name}".strip(): _product(factor, of_growth)
+        for name, factor in _FACTORS.items()
+        for growth, of_growth in _GROWTH.items()
+    },
 }
 """Terms by their formulas in u, s, z, p and e of `SpringState`."""
 
@@ -84,18 +96,13 @@ def states_along(
     displacement: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"], scales: tuple[float, float]
 ) -> SpringState:
     """Return the states along a path that begins at rest, from the force of a law; the scales are U and F."""
-    largest, strength = scales
     moves = np.diff(displacement, prepend=0.0)
     direction = np.sign(moves)
     # A sample without a move keeps the direction of the last one
     last = np.maximum.accumulate(np.where(direction != 0.0, np.arange(len(direction)), 0))
     energy = np.cumsum(0.5 * (force + np.concatenate([[0.0], force[:-1]])) * moves)
-    positive = np.maximum.accumulate(np.maximum(displacement, 0.0))
-    negative = np.maximum.accumulate(np.maximum(-displacement, 0.0))
-    peak = np.where(displacement >= 0.0, positive, negative)
-    return SpringState(
-        displacement / largest, direction[last], force / strength, peak / largest, energy / (4.0 * strength * largest)
-    )
+    negative, positive = (np.maximum.accumulate(np.maximum(side * displacement, 0.0)) for side in (-1.0, 1.0))
+    return SpringState.of(displacement, direction[last], force, (negative, positive), energy, scales)
 
 
 def law_with_terms(law: HystereticLaw, names: Sequence[str], scales: tuple[float, float]) -> HystereticLaw:
@@ -128,7 +135,6 @@ def law_with_terms(law: HystereticLaw, names: Sequence[str], scales: tuple[float
     """
     base, terms = type(law), [TERMS[name] for name in names]
     coefficients = [f"term_{number}" for number in range(1, len(names) + 1)]
-    largest, strength = scales
 
     def at_rest(self: HystereticLaw, zero: Any) -> Memory:
         inner = base.at_rest(self, zero)
@@ -142,10 +148,7 @@ def law_with_terms(law: HystereticLaw, names: Sequence[str], scales: tuple[float
         positive = xp.maximum(memory["positive"], deformation)
         negative = xp.maximum(memory["negative"], -deformation)
         energy = memory["energy"] + 0.5 * (memory["inner"]["f"] + inner["f"]) * move
-        peak = xp.where(deformation >= 0.0, positive, negative)
-        state = SpringState(
-            deformation / largest, s, inner["f"] / strength, peak / largest, energy / (4.0 * strength * largest)
-        )
+        state = SpringState.of(deformation, s, inner["f"], (negative, positive), energy, scales)
         added = sum(getattr(self, c) * term.value(state) for c, term in zip(coefficients, terms, strict=True))
         return {
             "d": deformation,

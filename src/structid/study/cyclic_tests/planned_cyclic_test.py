@@ -14,22 +14,13 @@ from structid.data_files.read_file import read_table
 from structid.data_files.tables.pick_column import values_of_column
 from structid.ground_motion.record import GroundMotion
 from structid.inference.error_models.base import ErrorModel
-from structid.inference.error_models.independent import IID
-from structid.inference.error_models.kernels import AR1
 from structid.law_choice.cyclic_test import CyclicTest
+from structid.law_choice.law_comparison import ERROR_MODELS
 from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
+from structid.models.hysteretic.hysteretic import AUTO
 from structid.study.building.records import load_record
 from structid.study.cyclic_tests.cyclic_test_file import CyclicTestFile, FurtherPathTable, read_cyclic_test
 from structid.study.schema.problems import StudyErrors
-
-AUTO = "auto"
-
-ERROR_MODELS: dict[str, tuple[ErrorModel, ...]] = {
-    "auto": (IID(), AR1(white=0.0)),
-    "iid": (IID(),),
-    "ar1": (AR1(white=0.0),),
-}
-"""Error models of each kind."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from structid.figures import cyclic_test as figure
+from structid.law_choice.cycles import cumulative_displacement
 from structid.law_choice.missing_terms import MissingTerms
 from structid.mechanics.hysteretic_laws.added_terms import TERMS
 from structid.report.material.cyclic_material import CyclicMaterial
@@ -40,8 +41,9 @@ def _tables(material: CyclicMaterial) -> list[Table]:
 
 
 def _draw(material: CyclicMaterial, missing: MissingTerms) -> Picture:
+    u = material.test.displacement
     drawn = figure.missing_terms(
-        1e3 * material.test.displacement, 1e-3 * missing.residuals, 1e-3 * missing.added, missing.start
+        1e3 * u, cumulative_displacement(u), 1e-3 * missing.residuals, 1e-3 * missing.added, missing.start
     )
     text = "Force that the law leaves unexplained, and the missing terms."
     if missing.start < len(missing.residuals):
