@@ -45,6 +45,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/mypy --config-file tools/mypy_scripts.ini
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_style.py
 

@@ -39,7 +39,7 @@ LIMITS = {
     "POD-PCE": "mean 5e-4 (1e-5)",
 }
 TIME_LIMITS = {"PC-NARX": "1.2", "Kriging-NARX": "15 (5)", "POD-Kriging": "1.2", "POD-PCE": "–"}
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     "PC-NARX": si.PCNARX(),
     "Kriging-NARX": si.KrigingNARX(),
     "POD-Kriging": si.PODKriging(),

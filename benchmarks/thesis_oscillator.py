@@ -304,8 +304,10 @@ def pictures(of: Sampled, name: str, folder: Path) -> None:
     figures.pairs(
         names, units, result.thinned(8000) / factors, result.map_estimate / factors, save=folder / f"pairs_{key}"
     )
-    prediction, [observation] = result.predict(draws=200), result.target.observations
-    best = result.target.predict(result.map_estimate[None])[0, :, 0] * 1e3
+    posterior = result.target
+    assert isinstance(posterior, si.Posterior)
+    prediction, [observation] = result.predict(draws=200), posterior.observations
+    best = posterior.predict(result.map_estimate[None])[0, :, 0] * 1e3
     inner, outer = (
         tuple(1e3 * edge[:, 0] for edge in prediction.band(discrepancy=discrepancy)) for discrepancy in (False, True)
     )

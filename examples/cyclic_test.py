@@ -32,7 +32,7 @@ def main(path: Path = DEFAULT, save: Path | None = Path("cyclic_test"), laws: Se
         best = choice.least_squares_fit
         u, samples = test.displacement * 1e3, np.arange(len(test.force), dtype=float)
         title = f"{test.name}: {best.unexplained:.1%} of the force's variance unexplained"
-        measured, model = (u, test.force * 1e-3), (u, best.fit.force() * 1e-3)
+        measured, model = (u, test.force * 1e-3), (u, best.fit.force(test) * 1e-3)
         loops.loops(samples, measured, model, title, save, names=("test", best.law.title))
     return choice.least_squares
 
