@@ -168,6 +168,16 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"Did you mean '{close[0]}'?" if close else ""
 
 
+def fixed_and_free(where: str, what: str = "the parameter") -> InputError:
+    """Return the error for a parameter that has a value and is free as well."""
+    return InputError(
+        where,
+        f"{what} has a value and is also free",
+        "a value, or the name of the parameter in the argument free",
+        "Remove one.",
+    )
+
+
 def check_choice(where: str, value: str, allowed: Iterable[str]) -> str:
     """Return `value` if it is allowed; otherwise raise an error that suggests the closest allowed value."""
     names = list(allowed)

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from structid.core.notebook import ShownAsText
+from structid.core.wording import listed
 from structid.figures.style import pretty
 from structid.inference.model_comparison.comparison import aligned
 from structid.report.material.comparison_material import ComparedClass, ComparisonMaterial
@@ -142,7 +143,7 @@ def comparison_summary(material: ComparisonMaterial) -> tuple[list[Believed], li
     best = material.best
     if unfinished:
         return believed, [
-            f"Finish {_listed(unfinished)} first: structid run … --resume. Until then, the ranking may change."
+            f"Finish {listed(unfinished)} first: structid run … --resume. Until then, the ranking may change."
         ]
     verdict = best.material.result.verdict()
     if verdict.wrong_model:
@@ -215,13 +216,13 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
     little = [pretty(p.name) for p in _hardly_known(parameters)]
     if little:
         sentences.append(
-            f"The data hardly constrain {_listed(little)}: {'its' if len(little) == 1 else 'their'} posterior is close to the "
+            f"The data hardly constrain {listed(little)}: {'its' if len(little) == 1 else 'their'} posterior is close to the "
             "prior."
         )
     adrift = [pretty(p.name) for p in parameters if p.unknown_elsewhere and pretty(p.name) not in little]
     if adrift:
         sentences.append(
-            f"For another record, the data hardly constrain {_listed(adrift)}: during the measured record, "
+            f"For another record, the data hardly constrain {listed(adrift)}: during the measured record, "
             f"{'it drifts' if len(adrift) == 1 else 'they drift'} by about the width of the prior."
         )
     draws, weights = material.weighted_draws
@@ -290,7 +291,3 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
     """Parameters with a posterior about as wide as the prior, and a mean inside the prior's 90 % interval."""
     return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -39,6 +39,8 @@ LAWS: dict[str, type[HystereticLaw]] = {
     )
 }
 """Laws by their names in study files."""
+INELASTIC = tuple(word for word in LAWS if word != Linear.word)
+"""Names of the laws of a specimen that dissipates energy."""
 
 
 def law_of(where: str, given: str | HystereticLaw) -> HystereticLaw:

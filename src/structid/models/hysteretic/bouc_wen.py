@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from structid.core.channels import check_channels
-from structid.core.errors import InputError, suggestion
+from structid.core.errors import InputError, fixed_and_free, suggestion
 from structid.core.hashing import digest
 from structid.core.keys import quantity
 from structid.core.units import factor
@@ -180,12 +180,7 @@ class BoucWen(TraceableModel):
                 )
         for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
             if name in self.free and getattr(self, name) is not None:
-                raise InputError(
-                    f"BoucWen.{name}",
-                    "the parameter has a value and is also free",
-                    "a value, or the name of the parameter in the argument free",
-                    "Remove one.",
-                )
+                raise fixed_and_free(f"BoucWen.{name}")
         for first, second in _EITHER:
             if self._given(first) and self._given(second):
                 raise InputError(

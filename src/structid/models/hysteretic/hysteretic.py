@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from structid.core.channels import check_channels
-from structid.core.errors import InputError, suggestion
+from structid.core.errors import InputError, fixed_and_free, suggestion
 from structid.core.hashing import digest
 from structid.core.keys import quantity
 from structid.core.units import to_si
@@ -138,12 +138,7 @@ class Hysteretic(TraceableModel):
             value = getattr(self.law, name)
             if name in self.free:
                 if value is not None and value != described.default:
-                    raise InputError(
-                        f"Hysteretic.values['{name}']",
-                        "the parameter has a value and is also free",
-                        "a value, or the name of the parameter in the argument free",
-                        "Remove one.",
-                    )
+                    raise fixed_and_free(f"Hysteretic.values['{name}']")
             elif value is None:
                 raise InputError(
                     f"Hysteretic.values['{name}']",

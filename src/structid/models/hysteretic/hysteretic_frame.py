@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.channels import check_channels
-from structid.core.errors import InputError, suggestion
+from structid.core.errors import InputError, fixed_and_free, suggestion
 from structid.core.hashing import digest
 from structid.core.keys import Fraction
 from structid.core.units import to_si
@@ -194,12 +194,7 @@ class HystereticFrame(TraceableModel):
             numbered = f"{name}_{storey}"
             is_free, value = numbered in self.free or name in self.free, self.values.get(numbered)
             if is_free and value is not None:
-                raise InputError(
-                    f"HystereticFrame.values['{numbered}']",
-                    "the parameter has a value and is also free",
-                    "a value, or the name of the parameter in the argument free",
-                    "Remove one.",
-                )
+                raise fixed_and_free(f"HystereticFrame.values['{numbered}']")
             if value is not None:
                 given[name] = value
             elif not is_free and getattr(law, name) is None:
@@ -217,9 +212,7 @@ class HystereticFrame(TraceableModel):
                 raise InputError("HystereticFrame.mass", "no mass", "masses in kg, or the name in the argument free")
             return
         if free:
-            raise InputError(
-                "HystereticFrame.mass", "the mass has a value and is also free", "only one of the two", "Remove one."
-            )
+            raise fixed_and_free("HystereticFrame.mass", "the mass")
         masses = np.atleast_1d(np.asarray(self.mass, dtype=np.float64))
         if masses.size not in (1, len(self.laws)) or not (masses > 0.0).all() or not np.isfinite(masses).all():
             raise InputError(

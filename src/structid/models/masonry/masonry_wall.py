@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jax import lax
 
-from structid.core.errors import InputError, check_choice
+from structid.core.errors import InputError, check_choice, fixed_and_free
 from structid.core.hashing import digest
 from structid.core.progress import Progress
 from structid.core.validation import check_arguments
@@ -126,12 +126,7 @@ class MasonryWall(TraceableModel):
         for name in PARAMETER_UNITS:
             value = getattr(self, name)
             if name in self.free and value is not None and name not in OPTIONAL:
-                raise InputError(
-                    f"MasonryWall.{name}",
-                    "the parameter has a value and is also free",
-                    "a value, or the name of the parameter in the argument free",
-                    "Remove one.",
-                )
+                raise fixed_and_free(f"MasonryWall.{name}")
             if name not in self.free:
                 check_value(name, value)
         if not self.step > 0.0:

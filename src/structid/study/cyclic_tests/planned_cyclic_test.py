@@ -16,7 +16,7 @@ from structid.ground_motion.record import GroundMotion
 from structid.inference.error_models.base import ErrorModel
 from structid.law_choice.cyclic_test import CyclicTest
 from structid.law_choice.law_comparison import ERROR_MODELS
-from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
+from structid.mechanics.hysteretic_laws.law_list import INELASTIC, law_of
 from structid.models.hysteretic.hysteretic import AUTO
 from structid.study.building.records import load_record
 from structid.study.cyclic_tests.cyclic_test_file import CyclicTestFile, FurtherPathTable, read_cyclic_test
@@ -78,7 +78,7 @@ def _test(file: CyclicTestFile, folder: Path) -> CyclicTest:
 def _laws(file: CyclicTestFile) -> tuple[str, ...]:
     """Names of the laws; all except the linear spring for ``auto``."""
     given = file.model.law
-    names = tuple(LAWS)[1:] if given == AUTO else (given,) if isinstance(given, str) else given
+    names = INELASTIC if given == AUTO else (given,) if isinstance(given, str) else given
     for name in names:
         law_of("key 'model.law'", name)
     return names
