@@ -35,8 +35,7 @@ from structid.law_choice.law_fit import refine_law
 from structid.law_choice.missing_terms import MissingTerms, candidates_with_terms, find_missing_terms
 from structid.law_choice.motion_test import MotionTest
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
-from structid.mechanics.hysteretic_laws.law_list import LAWS, law_of
-from structid.mechanics.hysteretic_laws.linear import Linear
+from structid.mechanics.hysteretic_laws.law_list import INELASTIC, LAWS, law_of
 from structid.models.hysteretic.hysteretic import Hysteretic
 
 LITTLE = 0.8
@@ -214,8 +213,9 @@ def choose_model(
     """Choose the hysteretic law of a specimen from a cyclic test, or from its responses to motions.
 
     Every law is fitted from many starts with its default priors for the test, to the whole test and to its first part: 70 % of
-    the half-cycles, or 70 % of the sum of squares of the responses. Among the laws that predict the rest nearly as well as the
-    best, the evidence decides. The posterior of the chosen law is sampled.
+    the half-cycles, or 70 % of the sum of squares of the responses. Among the laws that leave only noise of the sensors, the
+    evidence decides; if there is none, among those that predict the rest nearly as well as the best. The posterior of the chosen
+    law is sampled.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def choose_model(
     >>> choice.result.summary()  # doctest: +SKIP
     """
     if laws is None:
-        laws = [name for name in LAWS if name != Linear.word or isinstance(test, MotionTest)]
+        laws = tuple(LAWS) if isinstance(test, MotionTest) else INELASTIC
     candidates_of = [law_of("choose_model(laws)", law) for law in laws]
     if not candidates_of:
         raise InputError("choose_model(laws)", "no law", f"one or more of {', '.join(LAWS)}")
@@ -260,7 +260,21 @@ def choose_model(
         if given["kind"] != "iid" and not (given["kind"] == "ar1" and given.get("white") == 0.0):
             raise InputError("choose_model(error_models)", f"{type(errors).__name__}", "IID() and AR1(white=0.0)")
     store = FitStore.of_choice(test, candidates_of, error_models, seed, folder)
-    compared = compare_laws(test, candidates_of, error_models, seed, store, progress)
+    draws = None if folder is None else Path(folder) / DRAWS_OF_LAW
+    return choose_among(test, candidates_of, error_models, seed, store, draws, progress)
+
+
+def choose_among(
+    test: CyclicTest | MotionTest,
+    laws: Sequence[HystereticLaw],
+    error_models: Sequence[ErrorModel],
+    seed: int,
+    store: FitStore,
+    draws: Path | None = None,
+    progress: Progress | None = None,
+) -> LawChoice:
+    """Choose among laws whose fits are kept in a store; the draws of the chosen law go to a file if there is one."""
+    compared = compare_laws(test, laws, error_models, seed, store, progress)
     missing, on_parts = None, []
     if isinstance(test, CyclicTest):
         missing = find_missing_terms(test, compared.chosen)
@@ -268,9 +282,9 @@ def choose_model(
             compared = compared.with_candidates(candidates_with_terms(compared.chosen, missing, error_models, store))
         for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
-    draws = compared.chosen.fit.sampled(seed, None if folder is None else Path(folder) / DRAWS_OF_LAW)
+    result = compared.chosen.fit.sampled(seed, draws)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
-    return LawChoice(**of_comparison, result=draws, on_parts=tuple(on_parts), missing=missing)
+    return LawChoice(**of_comparison, result=result, on_parts=tuple(on_parts), missing=missing)
 
 
 def _on_parts(

@@ -12,6 +12,7 @@ import numpy as np
 from structid.core.errors import ConvergenceError
 from structid.core.notebook import ShownAsText
 from structid.core.progress import Progress
+from structid.core.wording import listed
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1
@@ -178,16 +179,19 @@ class LawComparison(ShownAsText):
         if not others:
             return text
         second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
-        ahead = chosen.fit.log_evidence - max(c.fit.log_evidence for c in others if c.law.word == second.law.word)
-        relation = "smaller" if ahead > 0.0 else "larger"
         if not np.isfinite(second.prediction_error):
-            return (
-                f"{text} The next law is the {second.law.title}; its log evidence is {abs(ahead):.0f} nats {relation}."
-            )
+            return f"{text} The next law is the {second.law.title}; its log evidence is {self._behind(second)}."
         return (
             f"{text} The best other prediction is by the {second.law.title}, with an error of "
-            f"{second.prediction_error:.1%}; its log evidence is {abs(ahead):.0f} nats {relation}."
+            f"{second.prediction_error:.1%}; its log evidence is {self._behind(second)}."
         )
+
+    def _behind(self, other: LawCandidate) -> str:
+        """Say how the log evidence of another law differs from the chosen one's, under the same error model."""
+        # Another error model differs by thousands of nats, which say nothing of the laws.
+        alike = [c for c in self.of_law(other.law.word) if c.fit.correlated == self.chosen.fit.correlated]
+        ahead = self.chosen.fit.log_evidence - (alike[0] if alike else other).fit.log_evidence
+        return f"{abs(ahead):.0f} nats {'smaller' if ahead > 0.0 else 'larger'}"
 
     @property
     def _shown(self) -> str:
@@ -195,9 +199,9 @@ class LawComparison(ShownAsText):
         shown = [words for words, gain in self.mechanisms.items() if gain > DECISIVE]
         absent = [words for words, gain in self.mechanisms.items() if gain < ABSENT]
         if not shown:
-            return f"The test shows no {_listed(absent, 'or')}." if absent else "The test shows none of its mechanisms."
-        rest = f", and no {_listed(absent, 'or')}" if absent else ""
-        return f"The test shows {_listed(shown)}{rest}."
+            return f"The test shows no {listed(absent, 'or')}." if absent else "The test shows none of its mechanisms."
+        rest = f", and no {listed(absent, 'or')}" if absent else ""
+        return f"The test shows {listed(shown)}{rest}."
 
     def __str__(self) -> str:
         width = max(len(c.name) for c in self.candidates)
@@ -210,7 +214,8 @@ class LawComparison(ShownAsText):
             )
         if self.dropped:
             lines.append(
-                "Given up after the search: " + ", ".join(f"{w} ({v:.0%} unexplained)" for w, v in self.dropped.items())
+                "Given up after the search: "
+                + ", ".join(f"{w} ({100.0 * v:.2g} % unexplained)" for w, v in self.dropped.items())
             )
         return "\n".join(lines)
 
@@ -290,7 +295,12 @@ def minima_of_first(first: SpecimenTest, law: HystereticLaw, seed: int, store: F
 
 
 def _chosen(candidates: Sequence[LawCandidate]) -> LawCandidate:
-    """Return the candidate of largest evidence among those that predict nearly as well as the best."""
+    """Return the candidate of largest evidence among those that leave only noise, or predict nearly as well as the best.
+
+    A law that leaves only noise of the sensors may predict badly from a part of the test that does not show all of its parameters.
+    """
+    if noise := [c for c in candidates if c.fit.leaves_noise]:
+        return max(noise, key=lambda c: c.fit.log_evidence)
     best = min(c.prediction_error for c in candidates)
     return max((c for c in candidates if c.prediction_error <= AS_GOOD * best), key=lambda c: c.fit.log_evidence)
 
@@ -306,8 +316,3 @@ def _unexplained(test: SpecimenTest, minima: list[Minimum]) -> float:
 def _share(error: float) -> str:
     """Return a prediction error as a cell of the table."""
     return f"{error:18.2%}" if np.isfinite(error) else f"{'–':>18}"
-
-
-def _listed(words: list[str], last: str = "and") -> str:
-    """Return words as a list in a sentence."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"

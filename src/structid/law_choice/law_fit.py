@@ -127,9 +127,19 @@ class LawFit:
         return residuals
 
     @cached_property
+    def _own_residuals(self) -> Float[np.ndarray, " value"]:
+        """Residuals of the best parameters in the test to which they were fitted."""
+        return self.residuals(self.test)
+
+    @property
     def unexplained(self) -> float:
         """Residual variance of the best parameters over the variance of the measured values."""
-        return self.test.unexplained(self.residuals(self.test))
+        return self.test.unexplained(self._own_residuals)
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether the residuals of the best parameters are noise of the sensors."""
+        return _are_white(self.test, self._own_residuals)
 
     def force(self, along: CyclicTest) -> Float[np.ndarray, " time"]:
         """Return the force of the best parameters under the displacements of a cyclic test [N]."""
@@ -332,8 +342,12 @@ def search_law(searched: SpecimenTest, law: HystereticLaw, seed: int, give_up: f
 
 def errors_are_white(searched: SpecimenTest, law: HystereticLaw, minimum: Minimum) -> bool:
     """Whether the residuals at a minimum of a search are noise: neighbours do not share it."""
-    residuals = _Residuals(searched, law)(minimum.x[None])[0]
-    each = zip(searched.blocks, searched.sensors, strict=True)
+    return _are_white(searched, _Residuals(searched, law)(minimum.x[None])[0])
+
+
+def _are_white(test: SpecimenTest, residuals: Float[np.ndarray, " value"]) -> bool:
+    """Whether neighbouring residuals of every sensor are uncorrelated."""
+    each = zip(test.blocks, test.sensors, strict=True)
     return all(neighbours(residuals[block], sensor.gaps) < WHITE for block, sensor in each)
 
 
