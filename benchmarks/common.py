@@ -145,6 +145,12 @@ def record_result(name: str, *, quick: bool, **values: Any) -> None:
         file.write(json.dumps(row, default=float, ensure_ascii=False) + "\n")
 
 
+def recorded_results(name: str, *, quick: bool) -> list[dict[str, Any]]:
+    """Return the lines of `benchmarks/results/<name>.jsonl`."""
+    file = (QUICK if quick else RESULTS) / f"{name}.jsonl"
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a markdown table; the first column is left-aligned, the others right-aligned."""
     ruler = ["---", *["---:"] * (len(header) - 1)]

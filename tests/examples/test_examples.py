@@ -45,18 +45,9 @@ def test_no_example_is_forgotten():
 
 @pytest.mark.slow
 @pytest.mark.rendered
-@pytest.mark.parametrize(
-    ("name", "laws", "limit"),
-    [
-        ("FD_PG1_Almeida2012.csv", ("bilinear", "masing", "masing_flag", "pivot"), 0.040),
-        ("FD_T11_Faella1992.csv", ("bilinear", "slip_lock", "pivot"), 0.008),
-    ],
-)
-def test_a_cyclic_test_chooses_its_law(shared_data, tmp_path, name, laws, limit, capsys):
-    unexplained = imported("cyclic_test").main(shared_data / "hysteresis" / name, tmp_path / "loops", laws)
-    with capsys.disabled():
-        print(f"\n{name}: {unexplained:.2%} of the force's variance unexplained")
-    assert unexplained < limit
+def test_a_cyclic_test_chooses_its_law(shared_data, tmp_path):
+    path = shared_data / "hysteresis" / "FD_PG1_Almeida2012.csv"
+    assert imported("cyclic_test").main(path, tmp_path / "loops", ("bilinear", "masing")) < 0.040
     assert (tmp_path / "loops.png").stat().st_size > 10_000
 
 
