@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -328,14 +328,11 @@ class MotionTest(SpecimenTest):
         omega = np.sqrt(self.initial_stiffness / self._median("mass"))
         step = max(observation.record.dt for observation in self.observations)
         steps = int(np.ceil(omega * step / SEARCH_STEP))
-        return self._like(replace(part, substeps=min(steps, self.substeps or DEFAULT_SUBSTEPS)))
+        return self._part(part.measured, min(steps, self.substeps or DEFAULT_SUBSTEPS))
 
-    def _like(self, other: MotionTest) -> MotionTest:
-        """Give a part the scales, and therefore the priors, of the whole test."""
-        for name in ("_linear_fit", "largest_displacement", "largest_force"):
-            other.__dict__[name] = getattr(self, name)
-        other.__dict__["first"] = None
-        return other
+    def _part(self, measured: Observation | Sequence[Observation], substeps: int | None) -> _PartOfMotion:
+        given = {f.name: getattr(self, f.name) for f in fields(MotionTest)}
+        return _PartOfMotion(**given | {"measured": measured, "substeps": substeps}, whole=self)
 
     @cached_property
     def first(self) -> MotionTest | None:
@@ -356,7 +353,7 @@ class MotionTest(SpecimenTest):
                     sd=None if observation.sd is None else np.asarray(observation.sd)[samples],
                 )
             )
-        return self._like(replace(self, measured=tuple(parts)))
+        return self._part(tuple(parts), self.substeps)
 
     def _end(self, record: Excitation) -> int:
         """Number of samples with 70 % of the sum of squares."""
@@ -368,6 +365,29 @@ class MotionTest(SpecimenTest):
         return int(
             np.clip(np.searchsorted(shares, FIRST_PART * shares[-1]), FEWEST_SAMPLES, len(record) - FEWEST_SAMPLES)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _PartOfMotion(MotionTest):
+    """A part of a test, with the scales, and therefore the priors, of the whole test; it is not divided again."""
+
+    whole: MotionTest = field(kw_only=True, repr=False)
+
+    @property
+    def _linear_fit(self) -> tuple[float, float]:
+        return self.whole._linear_fit
+
+    @property
+    def largest_displacement(self) -> float:
+        return self.whole.largest_displacement
+
+    @property
+    def largest_force(self) -> float:
+        return self.whole.largest_force
+
+    @property
+    def first(self) -> None:
+        return None
 
 
 def _divisible(record: Excitation) -> bool:
