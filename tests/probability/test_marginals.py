@@ -8,6 +8,7 @@ import scipy.stats
 
 import structid as si
 from structid.core.errors import InputError
+from structid.core.units import factor as si_factor
 
 MARGINALS = {
     "uniform": si.Uniform(2.0, 5.0, unit="mm"),
@@ -33,6 +34,14 @@ MARGINALS = {
 class TestEveryMarginal:
     def points(self, marginal):
         return marginal.quantile(np.linspace(0.02, 0.98, 25))
+
+    def test_quantiles_are_those_of_scipy(self, marginal):
+        p = np.concatenate([np.random.default_rng(0).random(200), [0.0, 1e-300, 1e-16, 0.5, 1.0 - 1e-16, 1.0]])
+        base, low, high = marginal.base, marginal.low, marginal.high
+        mass = max(base.cdf(high) - base.cdf(low), base.sf(low) - base.sf(high))
+        below, above = base.cdf(low) + p * mass, base.sf(high) + (1.0 - p) * mass
+        y = np.where(below < 0.5, base.ppf(below.clip(0.0, 1.0)), base.isf(above.clip(0.0, 1.0))).clip(low, high)
+        np.testing.assert_allclose(marginal.quantile(p), y * si_factor(marginal.unit), rtol=1e-14)
 
     def test_quantile_inverts_the_cdf(self, marginal):
         p = np.array([1e-6, 0.01, 0.3, 0.77, 0.999])

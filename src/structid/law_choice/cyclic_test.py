@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -51,6 +51,8 @@ SEARCHED = 600
 """Number of samples at which laws are searched; all turning points are among them."""
 FIRST_PART = 0.7
 """Share of the half-cycles from which the others are predicted."""
+KEPT_MODELS = 64
+"""Number of models whose compiled loops are kept."""
 
 
 @check_arguments
@@ -280,6 +282,16 @@ class CyclicTest(SpecimenTest):
         tuple
             The path, and the row of every sample.
         """
+        if move not in self._divisions:
+            self._divisions[move] = self._division(move)
+        return self._divisions[move]
+
+    @cached_property
+    def _divisions(self) -> dict[float, tuple[DisplacementHistory, Int[np.ndarray, " time"]]]:
+        """The paths of `divided`; a model compiles its loop for each once."""
+        return {}
+
+    def _division(self, move: float) -> tuple[DisplacementHistory, Int[np.ndarray, " time"]]:
         u = self.displacement
         pieces = np.maximum(1, np.ceil(np.abs(np.diff(u)) / (move * self.largest_displacement))).astype(int)
         rows = np.concatenate([[0], np.cumsum(pieces)])
@@ -412,7 +424,7 @@ class CyclicTest(SpecimenTest):
         Hysteretic
             The model.
         """
-        return Hysteretic(law, free=tuple(free), channels=("restoring_force",))
+        return _spring(law, tuple(free))
 
     def residuals(self, law: HystereticLaw, space: ParameterSpace, finer: int = 1) -> Residuals:
         """Return the errors of the force as a function of the parameters; see `SpecimenTest.residuals`."""
@@ -438,6 +450,12 @@ class CyclicTest(SpecimenTest):
             f"±{1e3 * self.largest_displacement:.1f} mm, ±{1e-3 * self.largest_force:.1f} kN, "
             f"initial stiffness {1e-6 * self.initial_stiffness:.3g} kN/mm"
         )
+
+
+@lru_cache(maxsize=KEPT_MODELS)
+def _spring(law: HystereticLaw, free: tuple[str, ...]) -> Hysteretic:
+    """Return the spring under imposed displacements; fits to a test and to its parts share its compiled loops."""
+    return Hysteretic(law, free=free, channels=("restoring_force",))
 
 
 def turning_points(values: Float[np.ndarray, " time"], change: float) -> Int[np.ndarray, " turn"]:

@@ -171,6 +171,17 @@ class MotionTest(SpecimenTest):
         Hysteretic
             The model.
         """
+        key = law, tuple(free)
+        if key not in self._models:
+            self._models[key] = self._oscillator(law, free)
+        return self._models[key]
+
+    @cached_property
+    def _models(self) -> dict[tuple[HystereticLaw, tuple[str, ...]], Hysteretic]:
+        """The models of `model`: fits to this test share their compiled loops."""
+        return {}
+
+    def _oscillator(self, law: HystereticLaw, free: Sequence[str]) -> Hysteretic:
         parameters = law.parameters()
         known = {n: v for n, v in self.values.items() if n in parameters and n not in free}
         return Hysteretic(

@@ -19,7 +19,9 @@ FINER = (2, 4, 8, 16)
 
 
 def in_finer_steps(model: Any, times: int) -> TraceableModel:
-    """Return the same model with `times` as many integration steps."""
+    """Return the same model with `times` as many integration steps; the model itself, with its compiled loops, for one."""
+    if times == 1 and isinstance(model, TraceableModel):
+        return model
     finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
     return finer
 

@@ -19,6 +19,7 @@ import scipy
 from structid.core.errors import InputError
 from structid.core.units import factor
 from structid.probability.quadrature import probability_nodes
+from structid.probability.quantiles import QUANTILES
 
 SMALLEST_MASS = 1e-6
 """Smallest probability that a truncation may keep; a smaller probability is rejected as a mistake."""
@@ -90,6 +91,11 @@ class Marginal:
         return float(max(lower, upper))
 
     @functools.cached_property
+    def _cut_off(self) -> tuple[float, float]:
+        """Probabilities below and above the bounds, before truncation."""
+        return float(self.base.cdf(self.low)), float(self.base.sf(self.high))
+
+    @functools.cached_property
     def support(self) -> tuple[float, float]:
         """Smallest and largest value, in SI."""
         low, high = self.base.support()
@@ -129,13 +135,20 @@ class Marginal:
             Values in SI.
         """
         p = np.asarray(p, dtype=np.float64)
-        below, above = self.base.cdf(self.low), self.base.sf(self.high)
+        below, above = self._cut_off
+        lower, upper = below + p * self._mass, above + (1.0 - p) * self._mass
+        from_below, from_above = self._untruncated_quantiles(np.clip(lower, 0.0, 1.0), np.clip(upper, 0.0, 1.0))
         # From the nearer end, so that both tails are exact.
-        from_below = self.base.ppf(np.clip(below + p * self._mass, 0.0, 1.0))
-        from_above = self.base.isf(np.clip(above + (1.0 - p) * self._mass, 0.0, 1.0))
-        y = np.where(below + p * self._mass < 0.5, from_below, from_above)
+        y = np.where(lower < 0.5, from_below, from_above)
         values: np.ndarray = np.clip(y, self.low, self.high) * self._factor
         return values
+
+    def _untruncated_quantiles(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values with the given probabilities below them, and above them, before truncation."""
+        if self.parameters and self.family in QUANTILES:
+            of_family = QUANTILES[self.family]
+            return of_family.from_below(lower, self.parameters), of_family.from_above(upper, self.parameters)
+        return self.base.ppf(lower), self.base.isf(upper)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Logarithm of the density.
