@@ -112,9 +112,18 @@ class SpecimenTest(ShownAsText, ABC):
 
     def unknowns(self, law: HystereticLaw, known: Collection[str] = ()) -> ParameterSpace:
         """Return priors of the model's parameters and of the sensors' parameters, without those of the errors."""
-        posterior = self.posterior(law, known)
-        of_errors = posterior.likelihood.discrepancy_names
-        return ParameterSpace({n: prior for n, prior in posterior.space.marginals.items() if n not in of_errors})
+        key = law, tuple(known)
+        if key not in self._unknowns:
+            posterior = self.posterior(law, known)
+            of_errors = posterior.likelihood.discrepancy_names
+            marginals = {n: prior for n, prior in posterior.space.marginals.items() if n not in of_errors}
+            self._unknowns[key] = ParameterSpace(marginals)
+        return self._unknowns[key]
+
+    @cached_property
+    def _unknowns(self) -> dict[tuple[HystereticLaw, tuple[str, ...]], ParameterSpace]:
+        """The priors of `unknowns`."""
+        return {}
 
     def posterior(self, law: HystereticLaw, known: Collection[str] = (), errors: ErrorModel | None = None) -> Posterior:
         """Return the posterior of the parameters of a law, with independent errors by default."""
