@@ -16,6 +16,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
 from structid.core.cores import cache_folder, cores_to_use
+from structid.core.freed_memory import return_freed_memory
 
 
 def _set_up() -> None:
@@ -80,6 +81,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
         return bool(FACTORISATION.search(str(jax.make_jaxpr(function)(theta[:1], *constants))))
 
     compiled = jax.jit(sharded)
+    sizes: set[int] = set()
 
     def call(theta: Any, *constants: Any) -> Any:
         theta = np.asarray(theta, dtype=np.float64)
@@ -88,6 +90,9 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
         if missing:
             theta = np.concatenate([theta, np.repeat(theta[-1:], missing, axis=0)])
         result = compiled(theta, constants)
+        if len(theta) not in sizes:
+            sizes.add(len(theta))
+            return_freed_memory()
         axes = jax.tree.map(lambda _: run_axes, result) if isinstance(run_axes, int) else run_axes
         return jax.tree.map(lambda leaf, axis: _gathered(leaf, axis, count), result, axes)
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.core.arrays import Array
+from structid.core.freed_memory import return_freed_memory
 from structid.engine.device import jnp, over_runs
 from structid.engine.lanes.blocks import on_all_cores
 from structid.engine.lanes.kernel import ENTRY, Kernel, kernel
@@ -140,6 +141,7 @@ class _Bound:
         self.kernel: Kernel = kernel(flat, lanes(largest_state(flat)), foreign)
         self._compiled = load(self.kernel.text, ENTRY)
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
+        return_freed_memory()
 
     def with_array(self, old: np.ndarray, new: np.ndarray) -> _Bound:
         """Return a copy of the compiled function with the constant array `old` replaced by `new`."""

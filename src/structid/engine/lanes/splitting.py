@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jax.extend.core import Literal
 
+from structid.core.freed_memory import return_freed_memory
 from structid.engine.device import jnp
 from structid.engine.matrices.block_sparse import AXES
 from structid.engine.vector_code.operations import Function
@@ -111,6 +112,7 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
 def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
     """Compile a function of many runs for the batch sizes `AT_ONCE` only."""
     compiled = jax.jit(function)
+    sizes: set[int] = set()
 
     def of_rows(theta: np.ndarray) -> np.ndarray:
         results, first = np.empty((0, 0)), 0
@@ -120,6 +122,9 @@ def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.nd
             rows = theta[first : first + size]
             padded = np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
             part = np.asarray(compiled(padded))[:, : len(rows)]
+            if size not in sizes:
+                sizes.add(size)
+                return_freed_memory()
             if first == 0:
                 results = np.empty((len(part), len(theta)))
             results[:, first : first + size] = part
