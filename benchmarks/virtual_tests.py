@@ -80,7 +80,9 @@ def verdict_words(choice: LawChoice) -> str:
         return "not converged"
     if verdict.wrong_model:
         return "wrong"
-    return "errors contradict the error model" if verdict.doubt else NO_DOUBT
+    if verdict.doubt:
+        return "errors contradict the error model"
+    return NO_DOUBT if choice.chosen.fit.leaves_noise else "an error of the law"
 
 
 def case_result(word: str, seed: int, quick: bool) -> dict[str, Any]:

@@ -7,6 +7,8 @@ import structid as si
 from law_paths import path_between
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1
+from structid.law_choice.fit_store import FitStore
+from structid.law_choice.law_comparison import chosen_candidate, compare_laws
 from structid.law_choice.law_fit import refine_law, search_law, without_mechanism
 from structid.mechanics.hysteretic_laws.law_list import law_of
 from structid.optimize.many_starts import minima_from_many_starts
@@ -90,6 +92,28 @@ def test_a_mechanism_is_found_where_it_is_and_not_where_it_is_not():
         assert (gain > 5.0) == shown
 
 
+def test_a_wrong_law_leaves_an_error_of_its_own():
+    """Correlated errors account for it, so that no test of the whitened residuals speaks against this law."""
+    right, wrong = compared_alone("bilinear", AR1(white=0.0)), compared_alone("elastic_plastic", AR1(white=0.0))
+    assert right.chosen.fit.leaves_noise and "What it leaves is noise." in right.sentence
+    assert not wrong.chosen.fit.leaves_noise and "correlated from sample to sample" in wrong.sentence
+
+
+def test_a_law_that_leaves_noise_is_chosen_though_another_predicts_better():
+    right, wrong = compared_alone("bilinear", IID()).chosen, compared_alone("elastic_plastic", IID()).chosen
+    # As if the first part of the test did not show the hardening
+    right.__dict__["prediction_error"] = 3.0 * wrong.prediction_error
+    assert chosen_candidate([right, wrong]) is right
+    right.fit.__dict__["residual_correlation"] = 0.9
+    assert chosen_candidate([right, wrong]) is wrong
+
+
+def compared_alone(law, errors):
+    """One law on a test of a bilinear specimen."""
+    test = virtual("bilinear", hardening=0.05)
+    return compare_laws(test, [law_of("test", law)], [errors], 1, FitStore(None, {}))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "values", "allowed"),
@@ -110,3 +134,4 @@ def test_the_right_law_is_chosen(word, values, allowed):
     truth = dict(zip(choice.result.names, choice.result.flat.T, strict=True))["stiffness"]
     assert np.quantile(truth, 0.001) < 20e6 < np.quantile(truth, 0.999)
     assert choice.sentence.startswith("The test chooses")
+    assert "What it leaves is noise." in choice.sentence

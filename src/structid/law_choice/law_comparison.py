@@ -123,7 +123,7 @@ class LawComparison(ShownAsText):
             The comparison; one of them may be the chosen law.
         """
         candidates = (*self.candidates, *further)
-        return LawComparison(self.test, candidates, self.dropped, _chosen(candidates))
+        return LawComparison(self.test, candidates, self.dropped, chosen_candidate(candidates))
 
     def of_law(self, word: str) -> list[LawCandidate]:
         """Return the candidates with one law.
@@ -175,7 +175,7 @@ class LawComparison(ShownAsText):
                 f" From the first {FIRST_PART:.0%} of the {self.test.course} it predicts the rest with an error of "
                 f"{chosen.prediction_error:.1%} of the largest value."
             )
-        text = f"{text} {self._shown}"
+        text = f"{text} {self._shown} {self._left}"
         if not others:
             return text
         second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
@@ -202,6 +202,14 @@ class LawComparison(ShownAsText):
             return f"The test shows no {listed(absent, 'or')}." if absent else "The test shows none of its mechanisms."
         rest = f", and no {listed(absent, 'or')}" if absent else ""
         return f"The test shows {listed(shown)}{rest}."
+
+    @property
+    def _left(self) -> str:
+        """Whether the chosen law leaves noise, or an error of its own, in a sentence."""
+        if self.chosen.fit.leaves_noise:
+            return "What it leaves is noise."
+        correlation = self.chosen.fit.residual_correlation
+        return f"What it leaves is correlated from sample to sample ({correlation:.2f}): an error of the law, or filtered noise."
 
     def __str__(self) -> str:
         width = max(len(c.name) for c in self.candidates)
@@ -256,7 +264,7 @@ def compare_laws(
             progress(len(laws) + round(number * len(laws) / len(kept)), 2 * len(laws))
     if not candidates:
         raise ConvergenceError("No law can follow the test: every run fails. Check the test's values and their units.")
-    return LawComparison(test, tuple(candidates), dropped, _chosen(candidates))
+    return LawComparison(test, tuple(candidates), dropped, chosen_candidate(candidates))
 
 
 def _candidates(
@@ -294,7 +302,7 @@ def minima_of_first(first: SpecimenTest, law: HystereticLaw, seed: int, store: F
     return store.minima(law, first.searched, lambda: search_law(first.searched, law, seed))
 
 
-def _chosen(candidates: Sequence[LawCandidate]) -> LawCandidate:
+def chosen_candidate(candidates: Sequence[LawCandidate]) -> LawCandidate:
     """Return the candidate of largest evidence among those that leave only noise, or predict nearly as well as the best.
 
     A law that leaves only noise of the sensors may predict badly from a part of the test that does not show all of its parameters.

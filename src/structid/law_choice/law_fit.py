@@ -136,10 +136,15 @@ class LawFit:
         """Residual variance of the best parameters over the variance of the measured values."""
         return self.test.unexplained(self._own_residuals)
 
+    @cached_property
+    def residual_correlation(self) -> float:
+        """Correlation of neighbouring residuals of the best parameters; the largest of all sensors."""
+        return _largest_correlation(self.test, self._own_residuals)
+
     @property
     def leaves_noise(self) -> bool:
         """Whether the residuals of the best parameters are noise of the sensors."""
-        return _are_white(self.test, self._own_residuals)
+        return self.residual_correlation < WHITE
 
     def force(self, along: CyclicTest) -> Float[np.ndarray, " time"]:
         """Return the force of the best parameters under the displacements of a cyclic test [N]."""
@@ -342,13 +347,13 @@ def search_law(searched: SpecimenTest, law: HystereticLaw, seed: int, give_up: f
 
 def errors_are_white(searched: SpecimenTest, law: HystereticLaw, minimum: Minimum) -> bool:
     """Whether the residuals at a minimum of a search are noise: neighbours do not share it."""
-    return _are_white(searched, _Residuals(searched, law)(minimum.x[None])[0])
+    return _largest_correlation(searched, _Residuals(searched, law)(minimum.x[None])[0]) < WHITE
 
 
-def _are_white(test: SpecimenTest, residuals: Float[np.ndarray, " value"]) -> bool:
-    """Whether neighbouring residuals of every sensor are uncorrelated."""
+def _largest_correlation(test: SpecimenTest, residuals: Float[np.ndarray, " value"]) -> float:
+    """Return the correlation of neighbouring residuals; the largest of all sensors."""
     each = zip(test.blocks, test.sensors, strict=True)
-    return all(neighbours(residuals[block], sensor.gaps) < WHITE for block, sensor in each)
+    return max(neighbours(residuals[block], sensor.gaps) for block, sensor in each)
 
 
 def refine_law(
