@@ -1,11 +1,12 @@
 """Memory of a test process: compiled programs that no later test needs are given back."""
 
-import ctypes
 import gc
 import os
 from pathlib import Path
 
 import jax
+
+from structid.core.freed_memory import return_freed_memory
 
 LIMIT = 500.0
 """Memory [MB] above which a process gives back what it can."""
@@ -19,7 +20,6 @@ class Memory:
 
     def __init__(self):
         self.after_last = 0.0
-        self.allocator = ctypes.CDLL(None)
 
     @property
     def in_use(self):
@@ -33,6 +33,5 @@ class Memory:
             return
         jax.clear_caches()
         gc.collect()
-        if hasattr(self.allocator, "malloc_trim"):
-            self.allocator.malloc_trim(0)
+        return_freed_memory()
         self.after_last = self.in_use
