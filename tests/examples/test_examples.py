@@ -45,14 +45,6 @@ def test_no_example_is_forgotten():
 
 @pytest.mark.slow
 @pytest.mark.rendered
-def test_a_cyclic_test_chooses_its_law(shared_data, tmp_path):
-    path = shared_data / "hysteresis" / "FD_PG1_Almeida2012.csv"
-    assert imported("cyclic_test").main(path, tmp_path / "loops", ("bilinear", "masing")) < 0.040
-    assert (tmp_path / "loops.png").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-@pytest.mark.rendered
 def test_the_facade_is_certified_and_drawn(tmp_path):
     """Box, certificate, pictures, film and fragility of the packaged facade, with fewer runs."""
     outcome = run_study(EXAMPLES / "facade.toml", tmp_path / "out")
@@ -64,6 +56,14 @@ def test_the_facade_is_certified_and_drawn(tmp_path):
         assert f">{title}</h2>" in page
     assert "data:image/gif;base64," in page and "Posterior in the coordinates" in page
     assert (tmp_path / "out" / "figures" / "wall_deformed.svg").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.rendered
+def test_a_cyclic_test_chooses_its_law(shared_data, tmp_path):
+    path = shared_data / "hysteresis" / "FD_PG1_Almeida2012.csv"
+    assert imported("cyclic_test").main(path, tmp_path / "loops", ("bilinear", "masing")) < 0.040
+    assert (tmp_path / "loops.png").stat().st_size > 10_000
 
 
 def test_the_real_record_study_builds(strong_motion):

@@ -33,7 +33,9 @@ class Signals:
         """Place the signals of the runs in a block side by side, so that the block reads its samples in sequence."""
         if width not in self._in_blocks:
             sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
-            filled = np.pad(sets, (0, -len(sets) % width), mode="edge")
-            blocks = self.values[filled].reshape(-1, width, *self.shape)
-            self._in_blocks[width] = np.ascontiguousarray(np.moveaxis(blocks, 1, 3), dtype=np.float64)
+            filled = np.pad(sets, (0, -len(sets) % width), mode="edge").reshape(-1, width)
+            blocks = np.empty((len(filled), *self.shape, width))
+            for block, sets_of_block in zip(blocks, filled, strict=True):
+                block[:] = np.moveaxis(self.values[sets_of_block], 0, 2)
+            self._in_blocks[width] = blocks
         return self._in_blocks[width]

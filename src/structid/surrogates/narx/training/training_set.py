@@ -49,10 +49,12 @@ class TrainingSet:
 
         The last column marks the used samples. The last row is not used; it is for the step beyond the record.
         """
-        samples = np.concatenate([self.x, self.y, self.counted[:, :, None]], axis=2)
-        beyond = samples[:, -1:].copy()
-        beyond[:, :, -1] = 0.0
-        return Signals(np.concatenate([samples, beyond], axis=1))
+        # Filled in place: for long records, each copy takes as much as all runs.
+        inputs, outputs = self.x.shape[2], self.y.shape[2]
+        signals = np.empty((len(self), self.x.shape[1] + 1, inputs + outputs + 1))
+        signals[:, :-1, :inputs], signals[:, :-1, inputs:-1], signals[:, :-1, -1] = self.x, self.y, self.counted
+        signals[:, -1], signals[:, -1, -1] = signals[:, -2], 0.0
+        return Signals(signals)
 
 
 def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
