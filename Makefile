@@ -9,7 +9,7 @@ WORKERS := -n $$($(BIN)/python -c 'import os; print(min(os.cpu_count() + 1, 4))'
 SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 # Of the slow tests one file takes a quarter of the time: a worker that has done its own takes over some of the other's.
 # A worker grows by two megabytes a test, which JAX does not give back: whole studies, which need most, have workers of their own.
-WHOLE_STUDIES := tests/examples/test_examples.py tests/examples/test_real_wall.py tests/statistical/test_surrogate_figures.py tests/study
+WHOLE_STUDIES := tests/examples/test_examples.py tests/examples/test_real_wall.py tests/study
 TAKEN_OVER := $(WORKERS) --dist worksteal
 # Every core has its worker: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1

@@ -20,7 +20,7 @@ def runs(shared_data, study_space):
     values = np.load(shared_data.parent / "peers" / "record.npy")
     record = si.GroundMotion(values, 0.01, "peers").lowpass(20.0).trim(0.0, 40.0).scale_to_pga(3.59)
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=study_space.names)
-    design, unseen = study_space.sample(500, 1, "sobol", 2.0), study_space.sample(2000, 2, "random")
+    design, unseen = study_space.sample(500, 1, "sobol", 2.0), study_space.sample(1000, 2, "random")
     return [si.Campaign(model, record, d).run() for d in (design, unseen)]
 
 
