@@ -87,11 +87,12 @@ def outcome(test: si.CyclicTest, laws: tuple[str, ...] | None, quick: bool) -> d
 def row(result: dict[str, Any]) -> list[str]:
     """One line of the table."""
     source = SOURCES[result["test"]]
+    law = result["chosen"].rsplit(", ", 1)[0].replace("|", r"\|")  # without the error model
     return [
         source.specimen,
         f"{result['samples']}",
         f"{result['half_cycles']}",
-        f"`{result['chosen'].split(',')[0]}`",
+        f"`{law}`",
         f"{result['parameters']}",
         f"{result['unexplained']:.1%}",
         f"{result['error']:.1%}",
