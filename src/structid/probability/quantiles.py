@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
+import scipy
 
 Parameters = Mapping[str, float]
 Function = Callable[[np.ndarray, Parameters], np.ndarray]
