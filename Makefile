@@ -8,8 +8,9 @@ WORKERS := -n $$($(BIN)/python -c 'import os; print(min(os.cpu_count() + 1, 4))'
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
 SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 # Of the slow tests one file takes a quarter of the time: a worker that has done its own takes over some of the other's.
-# A worker grows by two megabytes a test, which JAX does not give back: whole studies, which need most, have workers of their own.
-WHOLE_STUDIES := tests/examples/test_examples.py tests/examples/test_real_wall.py tests/study
+# A worker grows by two megabytes a test, which JAX does not give back: whole studies, which need most, have workers of their own,
+# and so have the largest examples.
+WHOLE_EXAMPLES := tests/examples/test_examples.py tests/examples/test_real_wall.py
 TAKEN_OVER := $(WORKERS) --dist worksteal
 # Every core has its worker: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
@@ -28,8 +29,9 @@ test: $(READY)
 
 test-slow: $(READY)
 	@echo "Whole studies, statistics, kills, examples and quick runs of every benchmark, several tests at a time:"
-	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow $(WHOLE_STUDIES)
-	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow $(addprefix --ignore ,$(WHOLE_STUDIES))
+	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow $(WHOLE_EXAMPLES)
+	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow tests/study
+	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow $(addprefix --ignore ,$(WHOLE_EXAMPLES) tests/study)
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.
 docs: $(VENV)/ready-docs

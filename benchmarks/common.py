@@ -145,10 +145,11 @@ def record_result(name: str, *, quick: bool, **values: Any) -> None:
         file.write(json.dumps(row, default=float, ensure_ascii=False) + "\n")
 
 
-def recorded_results(name: str, *, quick: bool) -> list[dict[str, Any]]:
-    """Return the lines of `benchmarks/results/<name>.jsonl`."""
+def last_results(name: str, *keys: str, quick: bool) -> dict[tuple[Any, ...], dict[str, Any]]:
+    """Return the last line of `benchmarks/results/<name>.jsonl` for all values of some keys."""
     file = (QUICK if quick else RESULTS) / f"{name}.jsonl"
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    return {tuple(line[key] for key in keys): line for line in lines}
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

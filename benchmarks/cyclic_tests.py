@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import common
-import numpy as np
-from virtual_tests import virtual_test
+from virtual_tests import NEAR_BEST, virtual_test
 
 import structid as si
+from structid.law_choice.law_comparison import DECISIVE
 
 NAME = "cyclic_tests"
 
@@ -76,7 +76,7 @@ def outcome(test: si.CyclicTest, laws: tuple[str, ...] | None, quick: bool) -> d
         "error": choice.chosen.prediction_error,
         "smallest": min(c.prediction_error for c in choice.candidates),
         "coverage": choice.held_out.coverage,
-        "shown": [mechanism for mechanism, gain in choice.mechanisms.items() if gain > 5.0],
+        "shown": [mechanism for mechanism, gain in choice.mechanisms.items() if gain > DECISIVE],
         "converged": choice.result.verdict().converged,
         "seconds": seconds,
     }
@@ -113,9 +113,9 @@ def main() -> None:
         outcome(virtual_test("bilinear", 0), ("elastic_plastic", "bilinear"), quick=True)
     for path in given.files:
         outcome(si.CyclicTest.read(path, "mm", "kN"), None, quick=False)
-    last = {line["test"]: line for line in common.recorded_results(NAME, quick=given.quick)}
-    results = [last[name] for name in SOURCES if name in last]
-    near = np.array([result["error"] / result["smallest"] for result in results])
+    last = common.last_results(NAME, "test", quick=given.quick)
+    results = [last[name,] for name in SOURCES if (name,) in last]
+    near = sum(result["error"] <= NEAR_BEST * result["smallest"] for result in results)
     heads = ["specimen", "samples", "half-cycles", "law", "parameters", "unexplained", "error of the rest", "smallest"]
     heads += ["samples in the 90 % band", "mechanisms that the test shows", "seconds"]
     sources = "\n".join(f"* {SOURCES[r['test']].specimen}: {SOURCES[r['test']].reference}" for r in results)
@@ -127,7 +127,7 @@ def main() -> None:
 `si.choose_model` chooses the law of {len(results)} specimens among all laws and two error models. *Unexplained* is the residual
 variance of the force over its variance, whole test, raw samples. *Error of the rest* is the root mean square on the last 30 % of
 the half-cycles, predicted from the first 70 % by the chosen law, as a share of the largest force. *Smallest* is the same for the
-law that predicts best; the chosen law is within 20 % of it in {int((near <= 1.2).sum())} of {len(results)} tests. The band is
+law that predicts best; the chosen law is within 20 % of it in {near} of {len(results)} tests. The band is
 that of the averaged prediction of the same half-cycles.
 
 {common.markdown_table(heads, [row(result) for result in results])}

@@ -120,7 +120,7 @@ def case_result(word: str, seed: int, quick: bool) -> dict[str, Any]:
 
 def results(quick: bool) -> list[dict[str, Any]]:
     """The last recorded outcome of every virtual test."""
-    last = {(line["law"], line["seed"]): line for line in common.recorded_results(NAME, quick=quick)}
+    last = common.last_results(NAME, "law", "seed", quick=quick)
     order = list(SPECIMENS)
     return sorted(last.values(), key=lambda line: (order.index(line["law"]), line["seed"]))
 

@@ -1,4 +1,4 @@
-"""Quantiles of the common prior families from closed forms: SciPy's distributions take twenty times as long for a few values."""
+"""Quantiles of the common prior families from closed forms: SciPy's distributions take eight times as long for 400 values."""
 
 from __future__ import annotations
 
