@@ -6,7 +6,14 @@ from test_choose_model import PATH, virtual
 
 import structid as si
 from law_paths import path_between
-from structid.law_choice.extrapolation import TO_ALL, TO_FIRST_PART, distance_beyond, weights_by_prediction
+from structid.law_choice.extrapolation import (
+    TO_ALL,
+    TO_FIRST_PART,
+    Trial,
+    distance_beyond,
+    fitted_growth,
+    weights_by_prediction,
+)
 
 LAWS = ("elastic_plastic", "bilinear")
 
@@ -28,6 +35,19 @@ def test_the_distance_is_zero_within_the_data_and_a_logarithm_beyond():
     distance = distance_beyond(np.array([0.0, 1.0, 0.0, 2.0, -2.0]), known)
     np.testing.assert_allclose(distance[:3], 0.0)
     np.testing.assert_allclose(distance[3:], [[np.log(2.0), 0.0], [np.log(2.0), np.log(2.0)]])
+
+
+def test_the_growth_of_the_error_is_what_the_parameters_do_not_explain():
+    """Errors of sd² = (1 + 3 d)² + (4 d)², where 4 d comes from the parameters."""
+    beyond = np.linspace(0.0, 1.0, 4000)
+    spread = 4.0 * beyond
+    error = np.hypot(1.0 + 3.0 * beyond, spread) * np.random.default_rng(0).normal(size=len(beyond))
+    trial = Trial(np.stack([beyond, 0.0 * beyond], axis=1), error, spread, [], 1.0)
+    growth = fitted_growth([trial], True)
+    # Relative standard error of a scale from n values: 1/√(2n), here of values of which a half tells of the growth
+    assert growth[0] == pytest.approx(3.0, rel=5.0 * np.sqrt(2.0 / len(beyond)))
+    assert growth[1] == pytest.approx(1.0, rel=1e-3)  # no value tells of it: the median of its prior
+    assert fitted_growth([trial], False)[0] > 3.7
 
 
 def test_the_right_law_carries_the_prediction_and_its_band_holds_the_force(choice):

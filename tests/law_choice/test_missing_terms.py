@@ -1,5 +1,7 @@
 """Terms of the force that a law lacks: as a law, sought in residuals, and as a further class in the choice."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,16 @@ def test_a_law_with_its_missing_term_is_one_of_the_compared_laws():
     sd = dict(zip(choice.result.names, choice.result.sd, strict=True))
     assert mean["term_1"] == pytest.approx(COEFFICIENT, abs=4.0 * sd["term_1"])
     assert choice.held_out.coverage > 0.7
+    assert "one of the compared laws" in choice.sentence
+
+
+def test_a_law_that_predicts_no_better_with_terms_is_not_compared(monkeypatch):
+    def without_gain(chosen, missing, error_models, store):
+        return [LawCandidate(replace(chosen.fit, law=missing.extended), chosen.of_first)]
+
+    monkeypatch.setattr("structid.law_choice.choose_model.candidates_with_terms", without_gain)
+    choice = si.choose_model(specimen(COEFFICIENT), ["bilinear"], [IID()], seed=1)
+    assert choice.missing is not None
+    assert choice.missing.holds
+    assert [c.law.word for c in choice.candidates] == ["bilinear"]
+    assert choice.sentence.endswith("Fitted with these terms, the law predicts the rest no better.")

@@ -67,8 +67,8 @@ class LawChoice(LawComparison):
     on_parts : tuple of LawOnParts
         The laws, with every error model, fitted to parts of a cyclic test; predictions are averaged over them.
     missing : MissingTerms or None
-        Terms of the force that the best law without further terms lacks in a cyclic test. If they also explain later half-cycles,
-        this law with the terms is one of the candidates.
+        Terms of the force that the best law without further terms lacks in a cyclic test. If this law predicts later half-cycles
+        better with the terms, it is one of the candidates.
     """
 
     result: SamplingResult = field(repr=False)
@@ -78,8 +78,19 @@ class LawChoice(LawComparison):
     @property
     def sentence(self) -> str:
         """The choice in sentences, with what the law lacks."""
-        lacking = "" if self.missing is None or not self.missing.names else f" {self.missing.sentence}"
+        lacking = f" {self.lacking}" if self.missing is not None and self.missing.names else ""
         return f"{super().sentence}{lacking}"
+
+    @property
+    def lacking(self) -> str:
+        """What the law lacks, and whether it predicts better with these terms, in sentences; empty if no terms were sought."""
+        if self.missing is None:
+            return ""
+        if not self.missing.holds:
+            return self.missing.sentence
+        if self.of_law(self.missing.extended.word):
+            return f"{self.missing.sentence} The law with these terms is one of the compared laws."
+        return f"{self.missing.sentence} Fitted with these terms, the law predicts the rest no better."
 
     @cached_property
     def weights(self) -> dict[str, float]:
@@ -279,12 +290,19 @@ def choose_among(
     if isinstance(test, CyclicTest):
         missing = find_missing_terms(test, compared.chosen)
         if missing.holds:
-            compared = compared.with_candidates(candidates_with_terms(compared.chosen, missing, error_models, store))
+            extended = candidates_with_terms(compared.chosen, missing, error_models, store)
+            if _smallest_error(extended) < _smallest_error(compared.of_law(compared.chosen.law.word)):
+                compared = compared.with_candidates(extended)
         for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
     result = compared.chosen.fit.sampled(seed, draws)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
     return LawChoice(**of_comparison, result=result, on_parts=tuple(on_parts), missing=missing)
+
+
+def _smallest_error(candidates: Sequence[LawCandidate]) -> float:
+    """Return the smallest prediction error; infinite if there is no candidate."""
+    return min((candidate.prediction_error for candidate in candidates), default=np.inf)
 
 
 def _on_parts(

@@ -23,10 +23,7 @@ def _words(material: CyclicMaterial) -> list[str]:
     missing = material.choice.missing
     if missing is None:
         return []
-    if not missing.names:
-        return [missing.sentence]
-    compared = ["The law with these terms is one of the compared laws."] if missing.holds else []
-    return [missing.sentence, *compared, SYMBOLS]
+    return [material.choice.lacking, SYMBOLS] if missing.names else [material.choice.lacking]
 
 
 def _tables(material: CyclicMaterial) -> list[Table]:
