@@ -1,5 +1,7 @@
 """The choice of a law: fits from many starts, evidence beside long tempering runs, the right law of virtual tests."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,19 @@ def test_the_lowest_of_many_minima_is_found():
     assert minima[0].x == pytest.approx([0.5, 1.0], abs=0.05)
     assert minima[-1].value >= minima[0].value
     assert minima[0].mean_squares[0] == pytest.approx(0.5 * 0.2**2, rel=0.05)
+
+
+def test_a_curvature_that_hides_the_prior_in_round_off_has_draws():
+    """The data determine one direction 1e18 times as well as the prior does."""
+    fit = fitted(virtual("bilinear", hardening=0.1), law_of("test", "bilinear"), IID())
+    direction = np.random.default_rng(0).normal(size=len(fit.minimum.x))
+    steep = 1e18 * np.outer(direction, direction) + np.eye(len(direction))
+    assert np.linalg.eigvalsh(steep)[0] < 0.5
+    steep_fit = replace(fit, minimum=replace(fit.minimum, curvature=steep))
+    forces = steep_fit.forces_of_draws(fit.test, 20, np.random.default_rng(0))
+    assert len(forces) and np.isfinite(forces).all()
+    assert np.isfinite(steep_fit.log_evidence)
+    assert np.isfinite(steep_fit.sampled(1).history).all()
 
 
 @pytest.mark.parametrize(("errors", "within"), [(IID(), 0.5), (AR1(white=0.0), 2.0)])
