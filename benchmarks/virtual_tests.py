@@ -41,8 +41,10 @@ SPECIMENS = {
     "ibarra_pinching": set(),
 }
 """Laws of the specimens, and the laws that contain each, some in the limit of a sharp bend."""
-SEEDS, WITHHELD, QUICK_SPECIMENS = 14, 2, ("bilinear",)
-"""Seeds, and those with which the right laws are also withheld; specimens of a quick run."""
+SEEDS, WITHHELD, LONG, QUICK_SPECIMENS = 14, 2, 1, ("bilinear",)
+"""Seeds; those without the right laws, too, and with a long run to check the evidence; specimens of a quick run."""
+LONG_RUN = {True: si.SMC(particles=100, ensembles=2), False: si.SMC(particles=2000, ensembles=4, steps=50)}
+"""Samplers of the long run, in a quick run and otherwise; they begin at the prior, and do not know the best fit."""
 NOISE, NEAR = 0.02, 0.6
 """Noise, relative to the standard deviation of the force; spread of the parameters, in standard deviations of their priors."""
 AMPLITUDES = np.repeat(np.linspace(1.0 / 7.0, 1.0, 7) ** 1.3, 2) * 0.03  # m
@@ -98,6 +100,7 @@ def case_result(word: str, seed: int, quick: bool) -> dict[str, Any]:
         wrong = [law for law in laws if law.word not in right]
         others = choose_among(test, wrong, ERROR_MODELS["auto"], seed, store)
         without = {"without_chosen": others.chosen.name, "without": verdict_words(others)}
+    long = beside_long_run(choice, seed, quick) if seed < LONG else {}
     evidence = choice.result.log_evidence
     assert evidence is not None
     result = {
@@ -113,9 +116,18 @@ def case_result(word: str, seed: int, quick: bool) -> dict[str, Any]:
         "verdict": verdict_words(choice),
         "seconds": seconds,
         **without,
+        **long,
     }
     common.record_result(NAME, quick=quick, **result)
     return result
+
+
+def beside_long_run(choice: LawChoice, seed: int, quick: bool) -> dict[str, Any]:
+    """Log evidence of the chosen law by a long run from the prior, minus the reported one."""
+    run = si.sample(choice.chosen.fit.posterior, LONG_RUN[quick], seed)
+    long, reported = run.log_evidence, choice.result.log_evidence
+    assert long is not None and reported is not None
+    return {"long": long.value - reported.value, "long_error": long.error, "long_converged": run.verdict().converged}
 
 
 def results(quick: bool) -> list[dict[str, Any]]:
@@ -136,10 +148,16 @@ def law_row(word: str, cases: list[dict[str, Any]]) -> list[str]:
         f"{min(coverage):.0%} to {max(coverage):.0%}",
         f"{max(case['error'] / case['smallest'] for case in cases):.2f}",
         f"{max(abs(case['laplace']) for case in cases):.2f}",
+        ", ".join(long_run_words(case) for case in cases if "long" in case) or "–",
         counts(case["verdict"] for case in cases),
         counts(case["without"] for case in cases if "without" in case),
         f"{statistics.median(case['seconds'] for case in cases):.0f}",
     ]
+
+
+def long_run_words(case: dict[str, Any]) -> str:
+    """What the long run of a case says of the reported log evidence."""
+    return f"{case['long']:+.2f} ± {case['long_error']:.2f}{'' if case['long_converged'] else ', not converged'}"
 
 
 def counts(words: Iterable[str]) -> str:
@@ -163,6 +181,7 @@ def page_text(cases: list[dict[str, Any]]) -> str:
     ]
     heads += [
         "log evidence, Laplace minus sampled",
+        "log evidence, long run minus sampled",
         "verdict",
         "verdict without the right laws",
         "seconds",

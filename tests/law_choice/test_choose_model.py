@@ -13,22 +13,22 @@ from structid.law_choice.fit_store import FitStore
 from structid.law_choice.law_comparison import chosen_candidate, compare_laws
 from structid.law_choice.law_fit import refine_law, search_law, without_mechanism
 from structid.mechanics.hysteretic_laws.law_list import law_of
-from structid.optimize.many_starts import minima_from_many_starts
+from structid.optimize.many_starts import minima_from_many_starts, refined
 
 ENDS = 1e-3 * np.array([2, -2, 4, -4, 4, -4, 8, -8, 8, -8, 12, -12, 12, -12, 16, -16, 16, -16])
 PATH = path_between(ENDS, 24)
 NOISE = 0.02
 
 
-def virtual(word, seed=0, correlation=0.0, **values):
-    """A test of a specimen that is a law, with noise of 2 % of the largest force."""
+def virtual(word, seed=0, correlation=0.0, noise=NOISE, **values):
+    """A test of a specimen that is a law, with noise relative to the largest force."""
     common = {"stiffness": "20 kN/mm", "yield_force": "60 kN"}
     model = si.Hysteretic(word, common | values, force_offset=2e3)
     force = model.simulate(np.zeros((1, 0)), si.DisplacementHistory(PATH, 1.0)).values[0, :, 0]
-    noise = np.random.default_rng(seed).normal(size=len(PATH)) * NOISE * np.abs(force).max()
-    for k in range(1, len(noise)):
-        noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
-    return si.CyclicTest(PATH, force + noise, word)
+    errors = np.random.default_rng(seed).normal(size=len(PATH)) * noise * np.abs(force).max()
+    for k in range(1, len(errors)):
+        errors[k] = correlation * errors[k - 1] + np.sqrt(1.0 - correlation**2) * errors[k]
+    return si.CyclicTest(PATH, force + errors, word)
 
 
 def fitted(test, law, errors):
@@ -123,10 +123,31 @@ def test_a_law_that_leaves_noise_is_chosen_though_another_predicts_better():
     assert chosen_candidate([right, wrong]) is wrong
 
 
-def compared_alone(law, errors):
+def compared_alone(law, errors, noise=NOISE):
     """One law on a test of a bilinear specimen."""
-    test = virtual("bilinear", hardening=0.05)
+    test = virtual("bilinear", noise=noise, hardening=0.05)
     return compare_laws(test, [law_of("test", law)], [errors], 1, FitStore(None, {}))
+
+
+def test_a_law_that_explains_nearly_all_does_not_explain_100_percent():
+    assert "explains 99." in compared_alone("bilinear", IID()).sentence
+    assert "explains all but 0.0" in compared_alone("bilinear", IID(), 0.1 * NOISE).sentence
+
+
+def test_searches_from_one_valley_end_early_and_give_one_minimum():
+    """Ten searches reach the minimum of a quadratic form within a few steps."""
+    runs = []
+
+    def residuals(x):
+        runs.append(len(x))
+        slopes = np.stack([np.linspace(1.0, 2.0, 60), np.sin(np.arange(60.0))])
+        return 1.0 + 0.1 * np.cos(np.arange(60.0)) - x @ slopes
+
+    starts = np.random.default_rng(0).normal(size=(10, 2))
+    (minimum,) = refined(residuals, starts, 30)
+    assert len(runs) < 2 * 15
+    further = refined(residuals, minimum.x[None], 30)[0]
+    assert minimum.value - further.value < 0.02
 
 
 @pytest.mark.slow

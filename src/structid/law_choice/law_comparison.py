@@ -42,6 +42,8 @@ AS_GOOD = 1.2
 """Prediction error, relative to the smallest among the laws, up to which the evidence decides."""
 WORTH_REPORTING = 0.5
 """Part of the variance that is left unexplained, below which a law is worth a message during the search."""
+NEARLY_NOTHING = 0.0005
+"""Part of the variance below which what is left, not what is explained, is shown: 99.96 % would be rounded to 100 %."""
 DECISIVE = 5.0
 """Log evidence for a mechanism that counts as shown [nat]."""
 ABSENT = -1.0
@@ -168,8 +170,9 @@ class LawComparison(ShownAsText):
         """The choice in sentences."""
         chosen, law = self.chosen, self.chosen.law
         others = [c for c in self.candidates if c.law.word != law.word]
-        explained = f"{1.0 - self.least_squares:.1%} of the variance of {self.test.quantity}"
-        text = f"The test chooses the {law.title}: it explains {explained}."
+        left = self.least_squares
+        explained = f"{1.0 - left:.1%}" if left > NEARLY_NOTHING else f"all but {100.0 * left:.2g} %"
+        text = f"The test chooses the {law.title}: it explains {explained} of the variance of {self.test.quantity}."
         if np.isfinite(chosen.prediction_error):
             text += (
                 f" From the first {FIRST_PART:.0%} of the {self.test.course} it predicts the rest with an error of "

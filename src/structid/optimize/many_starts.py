@@ -7,10 +7,10 @@ Every iteration is a few batches of model runs: the Jacobian by differences, and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 DIFFERENCE = 1e-4
 """Step of the differences, in standard deviations of the prior; the forces of a polygonal law have kinks below it."""
@@ -25,6 +25,10 @@ KEPT = 2.0 / 3.0
 ROUND = 8
 FEWEST = 6
 """Smallest number of searches that continue."""
+GAIN, PATIENCE = 0.01, 3
+"""Gain of an iteration below which a search is idle; a search ends after some idle iterations."""
+SAME, MOST_MINIMA = 0.05, 8
+"""Distance of two minima in every coordinate, in standard deviations of the prior, below which they are one; most minima."""
 BLOCK = 30_000_000
 """Largest number of residuals that are computed at once; with the Jacobian they take about a gigabyte."""
 
@@ -59,8 +63,8 @@ def minima_from_many_starts(
 ) -> list[Minimum]:
     """Return the minima that searches from prior draws reach, the best first.
 
-    The searches begin at the best of eight times as many draws. After some iterations only the better ones continue, or none if
-    all values are above `give_up`.
+    The searches begin at the best of eight times as many draws. A search ends where it no longer gains. After some iterations only
+    the better ones of the others continue, or none if all values are above `give_up`.
     """
     x = rng.normal(size=(8 * starts, dimension)) * spread
     best = np.argsort(_value(residuals(x), x, blocks))[:starts]
@@ -76,27 +80,72 @@ def refined(
 ) -> list[Minimum]:
     """Return the minima that searches from given points reach, the best first."""
     r = residuals(x)
-    value, damping = _value(r, x, blocks), np.full(len(x), 1e-2)
+    active = _Searches(x, r, _value(r, x, blocks), np.full(len(x), 1e-2), np.zeros(len(x), dtype=int))
+    ended: list[_Searches] = []
     for number in range(1, iterations + 1):
-        gradient, curvature = _slopes(residuals, x, r, blocks)
-        trials = [_step(x, gradient, curvature, factor * damping) for factor in DAMPINGS]
-        tried = residuals(np.concatenate(trials)).reshape(len(DAMPINGS), *r.shape)
-        values = np.stack([_value(t, p, blocks) for t, p in zip(tried, trials, strict=True)])
-        which, run = values.argmin(axis=0), np.arange(len(x))
-        better = values[which, run] < value
-        x = np.where(better[:, None], np.stack(trials)[which, run], x)
-        r = np.where(better[:, None], tried[which, run], r)
-        value = np.where(better, values[which, run], value)
-        damping = np.where(better, np.maximum(damping * np.array(DAMPINGS)[which], 1e-9), 10.0 * damping)
+        active = _moved(residuals, active, blocks)
+        ended.append(active.of(active.idle >= PATIENCE))
+        active = active.of(active.idle < PATIENCE)
+        if not len(active.x):
+            break
         if number % ROUND == 0:
-            if value.min() > give_up:
+            if min(searches.value.min(initial=np.inf) for searches in (active, *ended)) > give_up:
                 break
-            kept = np.argsort(value)[: max(FEWEST, int(KEPT * len(x)))]
-            x, r, value, damping = x[kept], r[kept], value[kept], damping[kept]
-    _, curvature = _slopes(residuals, x, r, blocks)
-    order = np.argsort(value)
-    squares = _mean_squares(r, blocks)
-    return [Minimum(x[i], float(value[i]), squares[i], curvature[i]) for i in order if np.isfinite(value[i])]
+            active = active.of(np.argsort(active.value)[: max(FEWEST, int(KEPT * len(active.x)))])
+    return _minima(residuals, _Searches.joined([*ended, active]), blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class _Searches:
+    """Searches that go on at the same time."""
+
+    x: Float[np.ndarray, "search parameter"]
+    r: Float[np.ndarray, "search value"]  # residuals
+    value: Float[np.ndarray, " search"]
+    damping: Float[np.ndarray, " search"]
+    idle: Int[np.ndarray, " search"]  # iterations without a gain
+
+    def of(self, rows: np.ndarray) -> _Searches:
+        """Return some of the searches."""
+        return _Searches(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Searches]) -> _Searches:
+        """Return all searches of some groups."""
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+
+def _moved(residuals: Residuals, now: _Searches, blocks: Blocks) -> _Searches:
+    """Move every search to the best of its trial points, if that is better."""
+    gradient, curvature = _slopes(residuals, now.x, now.r, blocks)
+    trials = np.stack([_step(now.x, gradient, curvature, factor * now.damping) for factor in DAMPINGS])
+    tried = residuals(trials.reshape(-1, trials.shape[2])).reshape(len(DAMPINGS), *now.r.shape)
+    values = np.stack([_value(t, p, blocks) for t, p in zip(tried, trials, strict=True)])
+    which, run = values.argmin(axis=0), np.arange(len(now.x))
+    value, better = values[which, run], values[which, run] < now.value
+    lower = np.maximum(now.damping * np.array(DAMPINGS)[which], 1e-9)
+    return _Searches(
+        np.where(better[:, None], trials[which, run], now.x),
+        np.where(better[:, None], tried[which, run], now.r),
+        np.where(better, value, now.value),
+        np.where(better, lower, 10.0 * now.damping),
+        np.where(value < now.value - GAIN, 0, now.idle + 1),
+    )
+
+
+def _minima(residuals: Residuals, searches: _Searches, blocks: Blocks) -> list[Minimum]:
+    """Return the different minima of searches, the best first."""
+    rows: list[int] = []
+    for row in np.argsort(searches.value):
+        apart = all(np.abs(searches.x[row] - searches.x[other]).max() > SAME for other in rows)
+        if np.isfinite(searches.value[row]) and apart and len(rows) < MOST_MINIMA:
+            rows.append(int(row))
+    if not rows:
+        return []
+    found = searches.of(np.array(rows))
+    _, curvature = _slopes(residuals, found.x, found.r, blocks)
+    each = zip(found.x, found.value, _mean_squares(found.r, blocks), curvature, strict=True)
+    return [Minimum(x, float(value), squares, curved) for x, value, squares, curved in each]
 
 
 def _mean_squares(residuals: Float[np.ndarray, "run value"], blocks: Blocks) -> Float[np.ndarray, "run block"]:
