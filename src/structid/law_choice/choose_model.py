@@ -34,6 +34,7 @@ from structid.law_choice.law_comparison import ERROR_MODELS, LawCandidate, LawCo
 from structid.law_choice.law_fit import refine_law
 from structid.law_choice.missing_terms import MissingTerms, candidates_with_terms, find_missing_terms
 from structid.law_choice.motion_test import MotionTest
+from structid.law_choice.savage_dickey import log_evidence_by_draws
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import INELASTIC, LAWS, law_of
 from structid.models.hysteretic.hysteretic import Hysteretic
@@ -91,6 +92,17 @@ class LawChoice(LawComparison):
         if self.of_law(self.missing.extended.word):
             return f"{self.missing.sentence} The law with these terms is one of the compared laws."
         return f"{self.missing.sentence} Fitted with these terms, the law predicts the rest no better."
+
+    def _evidence_for(self, name: str) -> float:
+        """Log evidence for a parameter by draws where they reach its neutral value; see `LawComparison.mechanisms`."""
+        names, fit = self.result.names, self.chosen.fit
+        if self.result.verdict().converged and name in fit.model.free:
+            prior, neutral = fit.posterior.space.marginals[name], fit.law.parameters()[name].neutral
+            assert neutral is not None
+            by_draws = log_evidence_by_draws(prior, self.result.flat[:, names.index(name)], neutral)
+            if by_draws is not None:
+                return by_draws
+        return super()._evidence_for(name)
 
     @cached_property
     def weights(self) -> dict[str, float]:

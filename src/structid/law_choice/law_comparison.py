@@ -146,14 +146,16 @@ class LawComparison(ShownAsText):
     def mechanisms(self) -> dict[str, float]:
         """What the test shows: the mechanisms of the chosen law, with the log evidence for each [nat].
 
-        Each is the difference from the same law without the mechanism, by Laplace's approximation.
+        Each is the difference from a fit of the same law without the mechanism, by Laplace's approximation. If there are converged
+        draws that reach the law without it, their density there gives the evidence (the ratio of Savage and Dickey).
         """
+        described = self.chosen.law.parameters()
+        return {described[name].mechanism: self._evidence_for(name) for name in described if described[name].mechanism}
+
+    def _evidence_for(self, name: str) -> float:
+        """Log evidence for a parameter of the chosen law that describes a mechanism."""
         fit = self.chosen.fit
-        gains = {}
-        for name, described in fit.law.parameters().items():
-            if described.mechanism:
-                gains[described.mechanism] = fit.log_evidence - without_mechanism(fit, name).log_evidence
-        return gains
+        return fit.log_evidence - without_mechanism(fit, name).log_evidence
 
     @property
     def least_squares(self) -> float:
