@@ -11,7 +11,7 @@ from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1
 from structid.law_choice.fit_store import FitStore
 from structid.law_choice.law_comparison import chosen_candidate, compare_laws
-from structid.law_choice.law_fit import refine_law, search_law, without_mechanism
+from structid.law_choice.law_fit import LawFit, refine_law, search_law, without_mechanism
 from structid.mechanics.hysteretic_laws.law_list import law_of
 from structid.optimize.many_starts import minima_from_many_starts, refined
 
@@ -121,6 +121,29 @@ def test_a_law_that_leaves_noise_is_chosen_though_another_predicts_better():
     assert chosen_candidate([right, wrong]) is right
     right.fit.__dict__["residual_correlation"] = 0.9
     assert chosen_candidate([right, wrong]) is wrong
+
+
+def test_draws_decide_between_laws_of_close_evidence(monkeypatch, tmp_path):
+    """As if Laplace's approximation were 60 nats wrong for the bilinear spring of an elastic–plastic specimen."""
+    test, laws = virtual("elastic_plastic"), ("elastic_plastic", "bilinear")
+    right = si.choose_model(test, laws, [IID()], seed=1)
+    assert right.chosen.law.word == "elastic_plastic"
+    laplace = LawFit.log_evidence.func
+
+    def wrong(fit):
+        return laplace(fit) + (60.0 if fit.law.word == "bilinear" else 0.0)
+
+    monkeypatch.setattr(LawFit, "log_evidence", property(wrong))
+    deceived = si.choose_model(test, laws, [IID()], seed=1)
+    assert deceived.chosen.law.word == "bilinear"
+    monkeypatch.setattr("structid.law_choice.law_comparison.CLOSE", 100.0)
+    for _ in range(2):  # the second time from the stored draws
+        choice = si.choose_model(test, laws, [IID()], seed=1, folder=tmp_path)
+        assert choice.chosen.law.word == "elastic_plastic"
+        assert list(choice.rival_results) == ["bilinear"]
+        behind = choice.result.log_evidence.value - choice.rival_results["bilinear"].log_evidence.value
+        assert f"bilinear spring with kinematic hardening is {behind:.1f} ±" in choice.sentence
+    assert (tmp_path / "chains_elastic_plastic.0.h5").exists()
 
 
 def compared_alone(law, errors, noise=NOISE):

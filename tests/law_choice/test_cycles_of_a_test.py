@@ -39,6 +39,17 @@ def test_the_energies_of_the_cycles_are_the_work_of_the_test(sign):
     assert test.cycles.energy.sum() == pytest.approx(np.trapezoid(test.force, path), rel=1e-9)
 
 
+@pytest.mark.parametrize("reversal", [(2e-4, -2e-4), (-2e-4, 2e-4)])
+def test_a_small_reversal_near_zero_is_no_cycle(reversal):
+    turns = (
+        [0.01, -0.01, *reversal, 0.02, -0.02, 0.0] if reversal[0] > 0.0 else [0.01, *reversal, -0.01, 0.02, -0.02, 0.0]
+    )
+    path = path_between(np.array(turns), 50)
+    cycles = si.CyclicTest(path, elastic_plastic(path)).cycles
+    assert len(cycles.energy) == 2
+    np.testing.assert_allclose(cycles.amplitude, [0.01, 0.02], rtol=1e-9)
+
+
 def test_an_unfinished_cycle_is_left_out():
     path = path_between(np.array([0.01, -0.01, 0.02, -0.02, 0.03]), 50)
     assert len(si.CyclicTest(path, elastic_plastic(path)).cycles.energy) == 2

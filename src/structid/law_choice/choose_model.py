@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -65,6 +66,8 @@ class LawChoice(LawComparison):
         The chosen law and error model.
     result : SamplingResult
         Draws of the posterior of the chosen law.
+    rival_results : dict of str to SamplingResult
+        Draws of the posterior of other laws whose evidence is close, by their names: draws decide between these laws.
     on_parts : tuple of LawOnParts
         The laws, with every error model, fitted to parts of a cyclic test; predictions are averaged over them.
     missing : MissingTerms or None
@@ -73,6 +76,7 @@ class LawChoice(LawComparison):
     """
 
     result: SamplingResult = field(repr=False)
+    rival_results: dict[str, SamplingResult] = field(repr=False, default_factory=dict)
     on_parts: tuple[LawOnParts, ...] = field(repr=False, default=())
     missing: MissingTerms | None = field(repr=False, default=None)
 
@@ -80,7 +84,19 @@ class LawChoice(LawComparison):
     def sentence(self) -> str:
         """The choice in sentences, with what the law lacks."""
         lacking = f" {self.lacking}" if self.missing is not None and self.missing.names else ""
-        return f"{super().sentence}{lacking}"
+        return f"{super().sentence}{self._beside_rivals}{lacking}"
+
+    @property
+    def _beside_rivals(self) -> str:
+        """What draws say of the laws whose evidence is close, in sentences."""
+        text, own = "", self.result.log_evidence
+        for word, result in self.rival_results.items():
+            other = result.log_evidence
+            if own is not None and other is not None:
+                title, behind = self.of_law(word)[0].law.title, own.value - other.value
+                error = np.hypot(own.error, other.error)
+                text += f" By draws, the log evidence of the {title} is {behind:.1f} ± {error:.1f} nats smaller."
+        return text
 
     @property
     def lacking(self) -> str:
@@ -307,9 +323,27 @@ def choose_among(
                 compared = compared.with_candidates(extended)
         for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
-    result = compared.chosen.fit.sampled(seed, draws)
-    of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)}
-    return LawChoice(**of_comparison, result=result, on_parts=tuple(on_parts), missing=missing)
+    results = {c: c.fit.sampled(seed, _draws_of(c, compared, draws)) for c in (compared.chosen, *compared.rivals)}
+    chosen = _chosen_by_draws(results)
+    of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)} | {"chosen": chosen}
+    rivals = {c.law.word: result for c, result in results.items() if c is not chosen}
+    return LawChoice(
+        **of_comparison, result=results[chosen], rival_results=rivals, on_parts=tuple(on_parts), missing=missing
+    )
+
+
+def _draws_of(candidate: LawCandidate, compared: LawComparison, draws: Path | None) -> Path | None:
+    """Return the file for the draws of a candidate, if there is one for those of the chosen law."""
+    if draws is None or candidate is compared.chosen:
+        return draws
+    return draws.with_name(f"{draws.stem}_{'_'.join(re.findall('[a-z0-9]+', candidate.law.word))}{draws.suffix}")
+
+
+def _chosen_by_draws(results: Mapping[LawCandidate, SamplingResult]) -> LawCandidate:
+    """Return the candidate of largest evidence by converged draws, or the first, which Laplace's approximation prefers."""
+    first = next(iter(results))
+    evidence = {c: r.log_evidence.value for c, r in results.items() if r.log_evidence and r.verdict().converged}
+    return max(evidence, key=lambda c: evidence[c]) if first in evidence else first
 
 
 def _smallest_error(candidates: Sequence[LawCandidate]) -> float:

@@ -10,6 +10,8 @@ from jaxtyping import Float, Int
 
 from structid.core.notebook import ShownAsText
 
+SMALL_RANGE = 0.05
+"""Range of a cycle, relative to the range so far, below which it is a reversal within the next cycle."""
 CLOSED = 0.05
 """Distance of a cycle's end from its start, relative to its largest displacement, at which the last cycle is complete."""
 
@@ -97,8 +99,8 @@ def cycle_ends(
 ) -> Int[np.ndarray, " end"]:
     """Return the samples at which the cycles of a test begin, and the end of the last complete one.
 
-    In a test in two directions, a cycle begins where the displacement passes zero in the direction of the first loading. In a
-    test in one direction, it begins at a turning point near zero.
+    In a test in two directions, a cycle begins where the displacement passes zero in the direction of the first loading. A small
+    reversal near zero begins none. In a test in one direction, a cycle begins at a turning point near zero.
     """
     if not len(turns):
         return np.zeros(1, dtype=int)
@@ -115,4 +117,13 @@ def cycle_ends(
     gap = abs(u[last] - u[ends[-1]])
     if gap <= CLOSED * np.abs(u[ends[-1] :]).max() and (turns > ends[-1]).any():
         ends.append(last)
-    return np.array(ends, dtype=int)
+    return np.array(_without_small(u, ends), dtype=int)
+
+
+def _without_small(u: Float[np.ndarray, " time"], ends: list[int]) -> list[int]:
+    """Return the ends of cycles, where a small cycle is a part of the next one."""
+    kept = ends[:1]
+    for end in ends[1:]:
+        if np.ptp(u[kept[-1] : end + 1]) > SMALL_RANGE * np.ptp(u[: end + 1]):
+            kept.append(end)
+    return kept

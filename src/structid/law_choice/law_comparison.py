@@ -46,6 +46,8 @@ NEARLY_NOTHING = 0.0005
 """Part of the variance below which what is left, not what is explained, is shown: 99.96 % would be rounded to 100 %."""
 DECISIVE = 5.0
 """Log evidence for a mechanism that counts as shown [nat]."""
+CLOSE = 5.0
+"""Difference of log evidences below which draws decide between two laws: Laplace's approximation may be wrong by as much [nat]."""
 ABSENT = -1.0
 """Log evidence for a mechanism below which it counts as absent [nat]."""
 
@@ -126,6 +128,15 @@ class LawComparison(ShownAsText):
         """
         candidates = (*self.candidates, *further)
         return LawComparison(self.test, candidates, self.dropped, chosen_candidate(candidates))
+
+    @property
+    def rivals(self) -> list[LawCandidate]:
+        """Other laws whose log evidence is close to the chosen one's, each with its better error model."""
+        best: dict[str, LawCandidate] = {}
+        for candidate in sorted(eligible(self.candidates), key=lambda c: c.fit.log_evidence):
+            if self.chosen.fit.log_evidence - candidate.fit.log_evidence < CLOSE:
+                best[candidate.law.word] = candidate
+        return [candidate for word, candidate in best.items() if word != self.chosen.law.word]
 
     def of_law(self, word: str) -> list[LawCandidate]:
         """Return the candidates with one law.
@@ -308,14 +319,19 @@ def minima_of_first(first: SpecimenTest, law: HystereticLaw, seed: int, store: F
 
 
 def chosen_candidate(candidates: Sequence[LawCandidate]) -> LawCandidate:
-    """Return the candidate of largest evidence among those that leave only noise, or predict nearly as well as the best.
+    """Return the candidate of largest evidence among those that leave only noise, or predict nearly as well as the best."""
+    return max(eligible(candidates), key=lambda c: c.fit.log_evidence)
+
+
+def eligible(candidates: Sequence[LawCandidate]) -> list[LawCandidate]:
+    """Return the candidates that leave only noise, or if there is none, those that predict nearly as well as the best.
 
     A law that leaves only noise of the sensors may predict badly from a part of the test that does not show all of its parameters.
     """
     if noise := [c for c in candidates if c.fit.leaves_noise]:
-        return max(noise, key=lambda c: c.fit.log_evidence)
+        return noise
     best = min(c.prediction_error for c in candidates)
-    return max((c for c in candidates if c.prediction_error <= AS_GOOD * best), key=lambda c: c.fit.log_evidence)
+    return [c for c in candidates if c.prediction_error <= AS_GOOD * best]
 
 
 def _unexplained(test: SpecimenTest, minima: list[Minimum]) -> float:
