@@ -1,5 +1,7 @@
 """How the error of a law grows beyond its data, what the laws weigh in a prediction, and which samples a band holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_choose_model import PATH, virtual
@@ -61,7 +63,8 @@ def test_the_right_law_carries_the_prediction_and_its_band_holds_the_force(choic
 def test_the_band_of_a_wrong_law_grows_beyond_the_data(wrong):
     law = next(law for law in wrong.on_parts if law.word == "bilinear")
     assert (law.growth(TO_FIRST_PART) > 0.0).all()
-    inside, beyond = (wrong.predict(factor * PATH).band() for factor in (1.0, 3.0))
+    predictions = [wrong.predict(factor * PATH) for factor in (1.0, 3.0)]
+    inside, beyond = (prediction.band() for prediction in predictions)
     widths = [np.mean(high - low) for low, high in (inside, beyond)]
     assert widths[1] > 1.3 * widths[0]
     assert wrong.held_out.coverage > 0.7
@@ -70,6 +73,36 @@ def test_the_band_of_a_wrong_law_grows_beyond_the_data(wrong):
     after = slice(wrong.held_out.start, None)
     held = np.mean(((wrong.test.force >= low) & (wrong.test.force <= high))[after])
     assert held < wrong.held_out.coverage
+
+
+def test_the_energy_and_the_largest_force_of_a_prediction_are_those_of_its_draws(choice):
+    prediction, test = choice.held_out, choice.test
+    part = slice(prediction.start, None)
+    dissipated = np.trapezoid(test.force[part], test.displacement[part])
+    low, high = np.quantile(prediction.energies, [0.005, 0.995])
+    assert low < dissipated < high < 1.5 * dissipated
+    assert np.quantile(prediction.largest_forces, 0.95) < 1.2 * test.largest_force
+    further = choice.predict(2.0 * PATH[:100])  # shorter than the test
+    assert further.start == 0
+    assert len(further.energies) == len(further.draws)
+
+
+def test_the_error_of_a_law_is_one_number_in_a_half_cycle(wrong):
+    """Errors that differ from sample to sample would make every largest force too large."""
+    law = next(law for law in wrong.on_parts if law.word == "bilinear")
+    along = wrong.test.along(2.0 * PATH)
+    draws = law.draws(TO_ALL, along, 50, np.random.default_rng(0))
+    halves = np.split(draws, along.turns, axis=1)
+    # A bilinear force has a few bends in a half-cycle, and is straight between them.
+    bends = [np.median(np.abs(np.diff(half, 2, axis=1))) for half in halves]
+    assert np.median(bends) < 0.2 * law.sd(TO_ALL)
+
+
+def test_the_page_names_the_laws_that_predict(choice):
+    assert choice.averaging.endswith("the bilinear spring with kinematic hardening 100%.")
+    doubtful = replace(choice)
+    doubtful.__dict__["weights"] = {"bilinear": 0.3}
+    assert "but its fits to earlier parts predict worse" in doubtful.averaging
 
 
 def test_a_fit_to_all_half_cycles_learns_from_more_predictions(choice):

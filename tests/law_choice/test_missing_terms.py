@@ -108,4 +108,4 @@ def test_a_law_that_predicts_no_better_with_terms_is_not_compared(monkeypatch):
     assert choice.missing is not None
     assert choice.missing.holds
     assert [c.law.word for c in choice.candidates] == ["bilinear"]
-    assert choice.sentence.endswith("Fitted with these terms, the law predicts the rest no better.")
+    assert choice.sentence.endswith("to the first part, the law predicts the rest no better.")

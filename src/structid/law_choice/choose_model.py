@@ -18,6 +18,7 @@ from structid.core.errors import InputError
 from structid.core.progress import Progress
 from structid.core.streams import Purpose, stream
 from structid.core.validation import check_arguments
+from structid.core.wording import listed
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.sampling_result import SamplingResult
 from structid.law_choice.cyclic_test import FEWEST, CyclicTest
@@ -42,6 +43,8 @@ from structid.models.hysteretic.hysteretic import Hysteretic
 
 LITTLE = 0.8
 """Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
+SHOWN_WEIGHT = 0.005
+"""Weight of a law in a prediction from which it is named."""
 SMALLEST = 1e-15
 """Smallest probability of a tail."""
 DRAWS_OF_LAW = "chains.h5"
@@ -107,7 +110,7 @@ class LawChoice(LawComparison):
             return self.missing.sentence
         if self.of_law(self.missing.extended.word):
             return f"{self.missing.sentence} The law with these terms is one of the compared laws."
-        return f"{self.missing.sentence} Fitted with these terms, the law predicts the rest no better."
+        return f"{self.missing.sentence} But fitted anew with these terms to the first part, the law predicts the rest no better."
 
     def _evidence_for(self, name: str) -> float:
         """Log evidence for a parameter by draws where they reach its neutral value; see `LawComparison.mechanisms`."""
@@ -128,6 +131,21 @@ class LawChoice(LawComparison):
     @cached_property
     def _weights_to_all(self) -> Float[np.ndarray, " member"]:
         return weights_by_prediction(self.on_parts, TO_ALL)
+
+    @property
+    def averaging(self) -> str:
+        """How a prediction averages the laws, in sentences."""
+        shares = sorted(
+            ((weight, word) for word, weight in self.weights.items() if weight > SHOWN_WEIGHT), reverse=True
+        )
+        named = listed([f"the {self.of_law(word)[0].law.title} {weight:.0%}" for weight, word in shares])
+        text = f"Predictions average the laws by how well they predict later half-cycles from earlier ones: {named}."
+        if self.weights[self.chosen.law.word] < 0.5:
+            title = self.chosen.law.title
+            text += (
+                f" The {title} has the larger evidence for the whole test, but its fits to earlier parts predict worse."
+            )
+        return text
 
     @cached_property
     def evidence_weights(self) -> dict[str, float]:

@@ -182,7 +182,6 @@ class LawComparison(ShownAsText):
     def sentence(self) -> str:
         """The choice in sentences."""
         chosen, law = self.chosen, self.chosen.law
-        others = [c for c in self.candidates if c.law.word != law.word]
         left = self.least_squares
         explained = f"{1.0 - left:.1%}" if left > NEARLY_NOTHING else f"all but {100.0 * left:.2g} %"
         text = f"The test chooses the {law.title}: it explains {explained} of the variance of {self.test.quantity}."
@@ -191,23 +190,23 @@ class LawComparison(ShownAsText):
                 f" From the first {FIRST_PART:.0%} of the {self.test.course} it predicts the rest with an error of "
                 f"{chosen.prediction_error:.1%} of the largest value."
             )
-        text = f"{text} {self._shown} {self._left}"
-        if not others:
-            return text
-        second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
-        if not np.isfinite(second.prediction_error):
-            return f"{text} The next law is the {second.law.title}; its log evidence is {self._behind(second)}."
-        return (
-            f"{text} The best other prediction is by the {second.law.title}, with an error of "
-            f"{second.prediction_error:.1%}; its log evidence is {self._behind(second)}."
-        )
+        return f"{text} {self._shown} {self._left}{self._second}"
 
-    def _behind(self, other: LawCandidate) -> str:
-        """Say how the log evidence of another law differs from the chosen one's, under the same error model."""
+    @property
+    def _second(self) -> str:
+        """The law that predicts best among the others, in a sentence."""
+        others = [c for c in self.candidates if c.law.word != self.chosen.law.word]
         # Another error model differs by thousands of nats, which say nothing of the laws.
-        alike = [c for c in self.of_law(other.law.word) if c.fit.correlated == self.chosen.fit.correlated]
-        ahead = self.chosen.fit.log_evidence - (alike[0] if alike else other).fit.log_evidence
-        return f"{abs(ahead):.0f} nats {'smaller' if ahead > 0.0 else 'larger'}"
+        others = [c for c in others if c.fit.correlated == self.chosen.fit.correlated] or others
+        if not others:
+            return ""
+        second = min(others, key=lambda c: (c.prediction_error, -c.fit.log_evidence))
+        ahead = self.chosen.fit.log_evidence - second.fit.log_evidence
+        behind = f"its log evidence is {abs(ahead):.0f} nats {'smaller' if ahead > 0.0 else 'larger'}"
+        if not np.isfinite(second.prediction_error):
+            return f" The next law is the {second.law.title}; {behind}."
+        error = f"{second.prediction_error:.1%}"
+        return f" The best other prediction is by the {second.law.title}, with an error of {error}; {behind}."
 
     @property
     def _shown(self) -> str:

@@ -105,7 +105,7 @@ class MissingTerms:
         if self.start == len(self.residuals):
             return f"{text}."
         if self.holds:
-            return f"{text}, and {self.explained_later:.0%} of it in the rest, which it predicts."
+            return f"{text}. With the same coefficients, it explains {self.explained_later:.0%} of it in the rest."
         return f"{text}, but nothing in the rest: it does not hold beyond the displacements at which it was found."
 
     def __str__(self) -> str:

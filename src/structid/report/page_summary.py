@@ -115,7 +115,7 @@ def cyclic_summary(material: CyclicMaterial) -> tuple[list[Believed], list[str]]
     believed = [sampling, law]
     if held_out is not None:
         trust: Trust = "good" if held_out.coverage >= 0.8 else "doubtful"
-        words = f"the 90 % band holds {held_out.coverage:.0%} of the last half-cycles, predicted from the first"
+        words = f"the 90 % band holds {held_out.coverage:.0%} of the samples of the last half-cycles, predicted from the first"
         believed.append(Believed("Prediction", trust, words))
     further = []
     if not verdict.converged:

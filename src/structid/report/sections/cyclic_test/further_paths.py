@@ -16,7 +16,7 @@ from structid.report.tables import file_name, number
 def _draw(name: str, prediction: CyclicPrediction) -> Picture:
     low, high = (1e-3 * edge for edge in prediction.band())
     drawn = figure.predicted_force(1e3 * prediction.test.displacement, None, 1e-3 * prediction.mean, (low, high), 0)
-    return Picture(f"path_{file_name(name)}", f"{name}: predicted force, with a band that holds it with 90 %.", drawn)
+    return Picture(f"path_{file_name(name)}", f"{name}: predicted force and its 90 % band.", drawn)
 
 
 def _drawings(material: CyclicMaterial) -> list[Drawing]:
@@ -26,7 +26,7 @@ def _drawings(material: CyclicMaterial) -> list[Drawing]:
 def _tables(material: CyclicMaterial) -> list[Table]:
     rows = []
     for name, prediction in material.predictions.items():
-        peaks = np.quantile(np.abs(prediction.draws).max(axis=1), [0.05, 0.5, 0.95])
+        peaks = np.quantile(prediction.largest_forces, [0.05, 0.5, 0.95])
         largest = 1e3 * prediction.test.largest_displacement
         rows.append([name, number(largest), *(number(1e-3 * peak) for peak in peaks)])
     heads = ["path", "largest displacement [mm]", "largest force: 5 % [kN]", "50 % [kN]", "95 % [kN]"]
@@ -37,8 +37,7 @@ def _words(material: CyclicMaterial) -> list[str]:
     if not material.predictions:
         return []
     return [
-        "The specimen begins without damage. The prediction is an average of the laws, weighted by how well they predict later "
-        "half-cycles of the test."
+        "The specimen begins without damage. The prediction averages the laws as described for the last half-cycles."
     ]
 
 

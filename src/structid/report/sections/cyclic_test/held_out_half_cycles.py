@@ -39,8 +39,21 @@ def _words(material: CyclicMaterial) -> list[str]:
         f"The laws were fitted to the first {prediction.start:,} of {len(test.force):,} samples, and predict the rest. The mean of "
         f"the laws errs by {error:.1%} of the largest force (root mean square). The 90 % band holds {prediction.coverage:.0%} of "
         "these samples. The band contains the error of the model, which grows with the largest and the cumulative displacement "
-        "beyond the data."
+        "beyond the data.",
+        _energy(prediction),
+        material.choice.averaging,
     ]
+
+
+def _energy(prediction: CyclicPrediction) -> str:
+    """The dissipated energy of the predicted half-cycles, in a sentence."""
+    part = slice(prediction.start, None)
+    measured = np.trapezoid(prediction.test.force[part], prediction.test.displacement[part])
+    low, middle, high = (1e-3 * energy for energy in np.quantile(prediction.energies, [0.05, 0.5, 0.95]))
+    return (
+        f"In these half-cycles the specimen dissipates {1e-3 * measured:.3g} kJ; {middle:.3g} kJ are predicted (90 %: {low:.3g} to "
+        f"{high:.3g} kJ)."
+    )
 
 
 SECTION: Section[CyclicMaterial] = Section("held-out", "Prediction of the last half-cycles", _drawings, nothing, _words)
