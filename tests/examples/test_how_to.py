@@ -1,12 +1,14 @@
 """The Python of the how-to pages is run, in order, with small data in the place of a reader's."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import structid as si
+from structid.study.study_reader import parse_study
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how_to"
 
@@ -21,6 +23,7 @@ SMALLER = {
         "[displacement, acceleration]": "measured",
         "si.choose_model(test)": 'si.choose_model(test, ["linear", "bilinear"])',
     },
+    "frame": {"particles=200, ensembles=2, steps=150": "particles=30, ensembles=2, steps=5", "[::300": "[::30"},
     "cyclic_test": {
         "choice = si.choose_model(test)  # all laws\n": "",
         'test = si.CyclicTest.read("wall.csv", "mm", "kN", displacement_column=0, force_column=1)\n': "",
@@ -30,8 +33,27 @@ SMALLER = {
 """Numbers of each page that are made smaller; a page that is not here is an executed notebook, or has no Python."""
 
 
+def floors(record):
+    """Responses of a frame of two storeys."""
+    channels = ("absolute_acceleration_1", "absolute_acceleration_2", "drift_1")
+    values = {"stiffness": 7e6, "yield_force_1": 50e3, "hardening_1": 0.1}
+    frame = si.HystereticFrame(
+        ["bilinear", "linear"], mass=[10e3, 8e3], values=values, damping_ratio=0.02, channels=channels
+    )
+    responses = frame.simulate(np.zeros((1, 0)), record).values[0]
+    noise = 0.02 * responses.std(axis=0) * np.random.default_rng(2).normal(size=responses.shape)
+    return [si.Observation(record, (responses + noise)[:, [i]], channels=(c,)) for i, c in enumerate(channels)]
+
+
 def blocks(page):
     return re.findall(r"^```python\n(.*?)^```", (HOW_TO / f"{page}.md").read_text(encoding="utf-8"), re.S | re.M)
+
+
+def test_the_study_of_the_frame_page_is_a_study():
+    text = re.search(r"^```toml\n(.*?)^```", (HOW_TO / "frame.md").read_text(encoding="utf-8"), re.S | re.M)
+    study = parse_study(tomllib.loads(text.group(1)))
+    assert study.model.type == "hysteretic_frame"
+    assert len(study.observation) == 3
 
 
 def test_no_page_is_forgotten():
@@ -63,6 +85,7 @@ def given():
         "posterior": posterior,
         "draws": drawn.thinned(2000),
         "log_density": posterior.log_density,
+        "floors": floors(record),
         "displacement": 0.01 * np.sin(time),
         "force": 4e4 * np.tanh(2.0 * np.sin(time)),
         "my_finite_elements": lambda stiffness, acceleration, dt: np.cumsum(acceleration) * dt * 1e6 / stiffness,
