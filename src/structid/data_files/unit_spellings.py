@@ -95,5 +95,5 @@ def check_unit(where: str, spelt: str, in_file: str, given: str) -> None:
         where,
         f"the file gives the unit '{spelt}', but unit='{given}' is given",
         "one unit",
-        f"Leave the unit out, or use unit='{in_file}'; if the file is wrong, correct it.",
+        f"Use unit='{in_file}', or another column of the file; if the file is wrong, correct it.",
     )
