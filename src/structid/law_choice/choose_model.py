@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -40,6 +41,8 @@ from structid.law_choice.savage_dickey import log_evidence_by_draws
 from structid.mechanics.hysteretic_laws.base import HystereticLaw
 from structid.mechanics.hysteretic_laws.law_list import INELASTIC, LAWS, law_of
 from structid.models.hysteretic.hysteretic import Hysteretic
+
+log = logging.getLogger(__name__)
 
 LITTLE = 0.8
 """Posterior standard deviation, relative to the prior's, above which a parameter counts as not identified."""
@@ -339,8 +342,10 @@ def choose_among(
             extended = candidates_with_terms(compared.chosen, missing, error_models, store)
             if _smallest_error(extended) < _smallest_error(compared.of_law(compared.chosen.law.word)):
                 compared = compared.with_candidates(extended)
+        log.info("Fitting the laws to parts of the test, to see how well they predict the rest.")
         for word in dict.fromkeys(candidate.law.word for candidate in compared.candidates):
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
+    log.info("Sampling the posterior of the %s.", listed([c.law.title for c in (compared.chosen, *compared.rivals)]))
     results = {c: c.fit.sampled(seed, _draws_of(c, compared, draws)) for c in (compared.chosen, *compared.rivals)}
     chosen = _chosen_by_draws(results)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)} | {"chosen": chosen}
