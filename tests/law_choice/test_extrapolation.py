@@ -98,6 +98,12 @@ def test_the_error_of_a_law_is_one_number_in_a_half_cycle(wrong):
     assert np.median(bends) < 0.2 * law.sd(TO_ALL)
 
 
+def test_a_strength_above_all_forces_of_a_test_is_not_reached(choice):
+    assert choice.not_reached == ()
+    weaker = si.CyclicTest(choice.test.displacement, 0.5 * choice.test.force)
+    assert replace(choice, test=weaker).not_reached == ("yield_force",)
+
+
 def test_the_page_names_the_laws_that_predict(choice):
     assert choice.averaging.endswith("the bilinear spring with kinematic hardening 100%.")
     doubtful = replace(choice)

@@ -259,6 +259,19 @@ class LawChoice(LawComparison):
         scores = scipy.special.ndtri(space.cdf(self.result.flat[:, : len(names)]).clip(SMALLEST, 1.0 - SMALLEST))
         return tuple(name for name, sd in zip(names, scores.std(axis=0), strict=True) if sd > LITTLE)
 
+    @cached_property
+    def not_reached(self) -> tuple[str, ...]:
+        """Forces and displacements among the law's parameters, 95 % of whose draws lie above the largest of the test."""
+        largest = {"N": self.test.largest_force, "m": self.test.largest_displacement}
+        described, names = self.chosen.law.parameters(), self.chosen.fit.model.free
+        return tuple(
+            name
+            for name, draws in zip(names, self.result.flat[:, : len(names)].T, strict=True)
+            if name in described
+            and described[name].unit in largest
+            and np.quantile(draws, 0.05) > largest[described[name].unit]
+        )
+
 
 @check_arguments
 def choose_model(

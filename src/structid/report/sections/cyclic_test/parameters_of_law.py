@@ -6,6 +6,7 @@ from functools import partial
 
 from structid.core.streams import Purpose, derived_seed
 from structid.core.units import label
+from structid.core.wording import listed
 from structid.figures import posterior as figures
 from structid.figures.style import pretty, pretty_unit
 from structid.report.material.cyclic_material import CyclicMaterial
@@ -19,6 +20,7 @@ def _words(material: CyclicMaterial) -> list[str]:
         "The model itself was sampled. No surrogate was used, so no certificate is needed.",
         *lines,
         *_unidentified(material),
+        *_not_reached(material),
     ]
 
 
@@ -27,6 +29,17 @@ def _unidentified(material: CyclicMaterial) -> list[str]:
     if not names:
         return []
     return [f"The test does not identify {', '.join(names)}: the posterior is nearly as wide as the prior."]
+
+
+def _not_reached(material: CyclicMaterial) -> list[str]:
+    names = [pretty(name) for name in material.choice.not_reached]
+    if not names:
+        return []
+    test = material.test
+    return [
+        f"The test does not reach {listed(names, 'or')}: its largest force is {1e-3 * test.largest_force:.3g} kN, its largest "
+        f"displacement {1e3 * test.largest_displacement:.3g} mm. Such a value only shapes the curve below it."
+    ]
 
 
 def _tables(material: CyclicMaterial) -> list[Table]:
