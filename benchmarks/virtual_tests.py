@@ -170,6 +170,7 @@ def page_text(cases: list[dict[str, Any]]) -> str:
     right = sum(case["right"] for case in cases)
     near = sum(case["error"] <= NEAR_BEST * case["smallest"] for case in cases)
     inside = sum(USUAL_BAND[0] <= case["coverage"] <= USUAL_BAND[1] for case in cases)
+    held = statistics.mean(case["coverage"] for case in cases)
     withheld = [case for case in cases if "without" in case]
     silent = [case for case in withheld if case["without"] == NO_DOUBT]
     heads = [
@@ -199,7 +200,7 @@ the parameters and the noise.
 * The right law, or one that contains it, is chosen in {right} of {len(cases)} tests.
 * The error of the prediction is within 20 % of the smallest in {near}. It is that of the last 30 % of the half-cycles, predicted
   from the others.
-* The 90 % band holds 80 to 98 % of the held-out samples in {inside}.
+* The 90 % band holds {held:.0%} of the held-out samples of all tests together, and 80 to 98 % in {inside} tests.
 * Without the right laws, nothing speaks against the chosen law in {len(silent)} of
   {len(withheld)}{": " if silent else ""}{passed}.
 
