@@ -97,8 +97,9 @@ class LawChoice(LawComparison):
         """What draws say of the laws whose evidence is close, in sentences."""
         text, own = "", self.result.log_evidence
         for word, result in self.rival_results.items():
-            other = result.log_evidence
-            if own is not None and other is not None:
+            other, converged = result.log_evidence, self.result.verdict().converged and result.verdict().converged
+            # Draws that have not converged did not take part in the choice.
+            if own is not None and other is not None and converged:
                 title, behind = self.of_law(word)[0].law.title, own.value - other.value
                 error = np.hypot(own.error, other.error)
                 text += f" By draws, the log evidence of the {title} is {behind:.1f} ± {error:.1f} nats smaller."
