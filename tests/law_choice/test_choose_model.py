@@ -57,7 +57,7 @@ def test_a_curvature_that_hides_the_prior_in_round_off_has_draws():
     steep = 1e18 * np.outer(direction, direction) + np.eye(len(direction))
     assert np.linalg.eigvalsh(steep)[0] < 0.5
     steep_fit = replace(fit, minimum=replace(fit.minimum, curvature=steep))
-    forces = steep_fit.forces_of_draws(fit.test, 20, np.random.default_rng(0))
+    forces = steep_fit.forces(steep_fit.normal_draws(20, np.random.default_rng(0)), fit.test)
     assert len(forces) and np.isfinite(forces).all()
     assert np.isfinite(steep_fit.log_evidence)
     assert np.isfinite(steep_fit.sampled(1).history).all()

@@ -8,6 +8,7 @@ from test_choose_model import PATH, virtual
 
 import structid as si
 from law_paths import path_between
+from structid.law_choice import choose_model
 from structid.law_choice.extrapolation import (
     TO_ALL,
     TO_FIRST_PART,
@@ -120,6 +121,27 @@ def test_a_fit_to_all_half_cycles_learns_from_more_predictions(choice):
 def test_laws_without_predictions_have_equal_weights(choice):
     without = [type(law)(law.test, law.fits[-2:]) for law in choice.on_parts]
     np.testing.assert_allclose(weights_by_prediction(without, TO_FIRST_PART), 1.0 / len(without))
+
+
+def test_draws_of_a_posterior_replace_the_normal_approximation(choice):
+    law = choice.on_parts[0]
+    same = np.tile(law.fits[TO_FIRST_PART].best, (50, 1))
+    first, without_spread = law.trials(TO_ALL)[-1], replace(law, sampled={TO_FIRST_PART: same}).trials(TO_ALL)[-1]
+    np.testing.assert_array_equal(without_spread.error, first.error)
+    assert np.max(without_spread.spread) < 1e-12 < np.median(first.spread)
+
+
+def test_the_first_part_is_sampled_where_the_normal_approximation_misses_the_posterior(choice, tmp_path, monkeypatch):
+    close = next(law for law in choice.on_parts if law.fits[TO_ALL] is choice.chosen.fit)
+    assert set(close.sampled) == {TO_ALL}
+    np.testing.assert_array_equal(close.sampled[TO_ALL], choice.result.flat[:, : len(choice.chosen.fit.fitted)])
+    monkeypatch.setattr(choose_model, "MISSED", -1.0)
+    missed = si.choose_model(choice.test, LAWS, seed=1, folder=tmp_path)
+    of_first = next(law for law in missed.on_parts if law.fits[TO_ALL] is missed.chosen.fit).sampled[TO_FIRST_PART]
+    best = missed.chosen.of_first.best
+    assert (abs(of_first.mean(axis=0) - best) < 2.0 * of_first.std(axis=0)).all()
+    assert missed.held_out.coverage > 0.85
+    assert any("first_bilinear" in path.name for path in tmp_path.iterdir())
 
 
 def test_stored_fits_give_the_same_choice(choice, tmp_path, monkeypatch):

@@ -54,6 +54,12 @@ DRAWS_OF_LAW = "chains.h5"
 """File of the draws in a folder."""
 DRAWS = 1000
 """Number of draws of a predicted force."""
+MISSED = 5.0
+"""Error of Laplace's log evidence [nats] from which the normal approximation misses the posterior."""
+LITTLE_WEIGHT = 0.05
+"""Weight in the prediction from the first part from which a law is sampled there, too."""
+RUNS_FOR_FIRST = 2
+"""Tempering runs for the posterior of the first part: its draws show a spread, and no evidence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,6 +367,7 @@ def choose_among(
             on_parts += _on_parts(test, compared.of_law(word), error_models, seed, store)
     log.info("Sampling the posterior of the %s.", listed([c.law.title for c in (compared.chosen, *compared.rivals)]))
     results = {c: c.fit.sampled(seed, _draws_of(c, compared, draws)) for c in (compared.chosen, *compared.rivals)}
+    on_parts = _with_posterior_draws(on_parts, results, seed, draws)
     chosen = _chosen_by_draws(results)
     of_comparison = {f.name: getattr(compared, f.name) for f in dataclasses.fields(LawComparison)} | {"chosen": chosen}
     rivals = {c.law.word: result for c, result in results.items() if c is not chosen}
@@ -371,9 +378,43 @@ def choose_among(
 
 def _draws_of(candidate: LawCandidate, compared: LawComparison, draws: Path | None) -> Path | None:
     """Return the file for the draws of a candidate, if there is one for those of the chosen law."""
-    if draws is None or candidate is compared.chosen:
-        return draws
-    return draws.with_name(f"{draws.stem}_{'_'.join(re.findall('[a-z0-9]+', candidate.law.word))}{draws.suffix}")
+    return draws if draws is None or candidate is compared.chosen else _beside(draws, candidate.law.word)
+
+
+def _beside(draws: Path, words: str) -> Path:
+    """Return the file for other draws beside those of the chosen law."""
+    return draws.with_name(f"{draws.stem}_{'_'.join(re.findall('[a-z0-9]+', words))}{draws.suffix}")
+
+
+def _with_posterior_draws(
+    on_parts: Sequence[LawOnParts],
+    results: Mapping[LawCandidate, SamplingResult],
+    seed: int,
+    draws: Path | None,
+) -> list[LawOnParts]:
+    """Return laws on parts with the draws of the sampled posteriors.
+
+    Where the evidence shows that the normal approximation of a law misses its posterior, the posterior of the first part is
+    sampled, too: its spread is that of the prediction of the rest.
+    """
+    missed = {
+        c.law.word
+        for c, result in results.items()
+        if result.log_evidence is not None and abs(result.log_evidence.value - c.fit.log_evidence) > MISSED
+    }
+    weights = weights_by_prediction(on_parts, TO_FIRST_PART) if missed else np.zeros(len(on_parts))
+    converged = {c.fit: result for c, result in results.items() if result.verdict().converged}
+    found = []
+    for law, weight in zip(on_parts, weights, strict=True):
+        of_whole, of_first, sampled = law.fits[TO_ALL], law.fits[TO_FIRST_PART], {}
+        if of_whole in converged:
+            sampled[TO_ALL] = converged[of_whole].flat[:, : len(of_whole.fitted)]
+        if law.word in missed and weight > LITTLE_WEIGHT:
+            log.info("Sampling the posterior of the %s for the first part.", of_first.law.title)
+            store = None if draws is None else _beside(draws, f"first {law.word} {of_first.errors.describe()['kind']}")
+            sampled[TO_FIRST_PART] = of_first.sampled(seed, store, RUNS_FOR_FIRST).flat[:, : len(of_first.fitted)]
+        found.append(dataclasses.replace(law, sampled=sampled) if sampled else law)
+    return found
 
 
 def _chosen_by_draws(results: Mapping[LawCandidate, SamplingResult]) -> LawCandidate:

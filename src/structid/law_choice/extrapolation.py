@@ -6,9 +6,9 @@ of the force grows with the largest and the cumulative displacement, and which l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -86,10 +86,14 @@ class LawOnParts:
         The whole test.
     fits : tuple of LawFit
         Fits to parts of increasing length; the last but one is to the first 70 % of the half-cycles, the last to all.
+    sampled : dict of int to ndarray, shape (draw, parameter)
+        Draws of the law's parameters from the posterior of some fits, by `TO_ALL` and `TO_FIRST_PART` [SI]. The draws of the
+        other fits come from a normal approximation.
     """
 
     test: CyclicTest
     fits: tuple[LawFit, ...]
+    sampled: Mapping[int, np.ndarray] = field(repr=False, default_factory=dict)
 
     @property
     def word(self) -> str:
@@ -100,7 +104,18 @@ class LawOnParts:
     def _forces(self) -> list[tuple[Float[np.ndarray, " time"], Float[np.ndarray, "draw time"]]]:
         """Force of the best parameters along the whole test, and forces of draws, for every fit."""
         rng = stream(0, Purpose.HYSTERETIC_LAW)
-        return [(fit.force(self.test), fit.forces_of_draws(self.test, SPREAD_DRAWS, rng)) for fit in self.fits]
+        return [self._forces_along(self.test, place - len(self.fits), rng) for place in range(len(self.fits))]
+
+    def _forces_along(
+        self, along: CyclicTest, place: int, rng: np.random.Generator
+    ) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, "draw time"]]:
+        """Force of the best parameters of one fit along a path, and forces of draws."""
+        fit = self.fits[place]
+        if place in self.sampled:
+            draws = rng.permutation(self.sampled[place])[:SPREAD_DRAWS]
+        else:
+            draws = fit.normal_draws(SPREAD_DRAWS, rng)
+        return fit.force(along), fit.forces(draws, along)
 
     def samples(self, place: int) -> int:
         """Return the number of samples to which one fit was made."""
@@ -138,14 +153,10 @@ class LawOnParts:
         self, last: int, along: CyclicTest, count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "draw time"]:
         """Return forces that one fit predicts along a path, with the errors of the model [N]."""
-        fit = self.fits[last]
-        if along is self.test:
-            force, draws = self._forces[last]
-        else:
-            force, draws = fit.force(along), fit.forces_of_draws(along, SPREAD_DRAWS, rng)
+        force, draws = self._forces[last] if along is self.test else self._forces_along(along, last, rng)
         forces = draws if len(draws) else force[None]
         if not np.isfinite(forces).all():
-            raise ConvergenceError(f"The runs of the law {fit.law.word} fail along the path. Check its displacements.")
+            raise ConvergenceError(f"The runs of the law {self.word} fail along the path. Check its displacements.")
         growth = self.growth(last) * np.exp(GROWTH_SD * _stratified_normal(count, 2, rng))
         distance = distance_beyond(along.displacement, self.test.displacement[: self.samples(last)])
         sd = self.sd(last) * (1.0 + growth @ distance.T)

@@ -164,14 +164,17 @@ class LawFit:
                 break
         return np.asarray(run.values[0, along.rows, 0])
 
-    def forces_of_draws(
-        self, along: CyclicTest, count: int, rng: np.random.Generator
+    def forces(
+        self, parameters: Float[np.ndarray, "draw parameter"], along: CyclicTest
     ) -> Float[np.ndarray, "draw time"]:
-        """Return forces of draws from the normal approximation of the posterior, without runs that fail [N]."""
-        x = self.minimum.x + rng.normal(size=(count, len(self.minimum.x))) @ self._spread.T
-        theta = _theta_of(self._space, np.clip(x, -FARTHEST, FARTHEST))
-        runs = in_finer_steps(self.model, 4).simulate(theta, along.path)
+        """Return forces of parameters under the displacements of a cyclic test, without runs that fail [N]."""
+        runs = in_finer_steps(self.model, 4).simulate(parameters, along.path)
         return np.asarray(runs.values[runs.done][:, along.rows, 0])
+
+    def normal_draws(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw parameter"]:
+        """Return draws of the parameters from the normal approximation of the posterior, in SI."""
+        x = self.minimum.x + rng.normal(size=(count, len(self.minimum.x))) @ self._spread.T
+        return _theta_of(self._space, np.clip(x, -FARTHEST, FARTHEST))
 
     @cached_property
     def _curvature(self) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, "parameter parameter"]]:
@@ -219,17 +222,18 @@ class LawFit:
             )
         )
 
-    def sampled(self, seed: int, store: Path | None = None) -> SamplingResult:
+    def sampled(self, seed: int, store: Path | None = None, runs: int = len(STEPS_OF_RUN)) -> SamplingResult:
         """Return draws of the posterior, or stored draws, from tempering runs that begin at a reference density.
 
         The first reference is fitted to the normal approximation around the best fit, each further one to the particles of the run
-        before: a curved posterior is wider than the normal approximation. The runs end when the draws have converged.
+        before: a curved posterior is wider than the normal approximation. The runs end when the draws have converged, or after
+        `runs` of them.
         """
         posterior, settings = self.posterior, SAMPLERS[self.law.accurate_move >= FAST]
         mode, rng = self._mode(), stream(seed, Purpose.HYSTERETIC_LAW)
         phi = mode.middle + rng.normal(size=(1, settings.particles, posterior.dimension)) @ mode.factor.T
         particles = EnsembleState(phi, posterior.evaluate(phi[0])[0][None])
-        for run in range(len(STEPS_OF_RUN)):
+        for run in range(runs):
             reference = FromReference(posterior, particles, [mode])
             kept = None if store is None else store.with_suffix(f".{run}.h5")
             run_seed = derived_seed(seed, Purpose.HYSTERETIC_LAW, run)
