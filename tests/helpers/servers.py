@@ -32,18 +32,25 @@ def free_port():
         return s.getsockname()[1]
 
 
+def answer(ask, alive=lambda: True):
+    """The answer of a server that is starting, on a busy machine, too: without one it raises an error."""
+    deadline = time.monotonic() + 90
+    while True:
+        try:
+            return ask()
+        except Exception:
+            if time.monotonic() > deadline or not alive():
+                raise
+            time.sleep(0.1)
+
+
 def served(arguments, port):
     """Start a server, wait for its answer: the process, and the names of its models."""
     import umbridge
 
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 90
-    while True:
-        try:
-            return process, umbridge.supported_models(f"http://127.0.0.1:{port}")
-        except Exception:
-            assert time.monotonic() < deadline and process.poll() is None
-            time.sleep(0.1)
+    address = f"http://127.0.0.1:{port}"
+    return process, answer(lambda: umbridge.supported_models(address), lambda: process.poll() is None)
 
 
 @functools.cache
@@ -61,14 +68,7 @@ def listening(arguments, port):
     """Run a server in a process of its own, from where it listens to the end of the context."""
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        deadline = time.monotonic() + 90
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port), 0.5).close()
-                break
-            except OSError:
-                assert time.monotonic() < deadline and process.poll() is None
-                time.sleep(0.1)
+        answer(lambda: socket.create_connection(("127.0.0.1", port), 0.5).close(), lambda: process.poll() is None)
         yield process
     finally:
         process.kill()

@@ -4,14 +4,13 @@ import json
 import shutil
 import subprocess
 import threading
-import urllib.error
 import urllib.request
 from http.client import HTTPConnection
 
 import numpy as np
 import pytest
 
-from servers import free_port
+from servers import answer, free_port
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.coupling.coupling_benchmark import two_floor_frame
 from structid.hybrid.experiment import HybridTest
@@ -37,7 +36,7 @@ class Waiting(SimulatedSpecimen):
         self.moves += 1
         if self.moves == self.at:
             self.there.set()
-            assert self.go_on.wait(60.0)
+            assert self.go_on.wait(120.0)
         return super().move(path, averaged)
 
 
@@ -118,20 +117,15 @@ def test_the_folder_says_what_has_ended_and_what_runs(tmp_path):
 
 
 def asked(address):
-    with urllib.request.urlopen(address, timeout=10.0) as answer:
-        return answer.read().decode()
+    with urllib.request.urlopen(address, timeout=60.0) as page:
+        return page.read().decode()
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     out, port = tmp_path_factory.mktemp("live") / "out", free_port()
     with Running(out, "3", at=90) as running, live(out, port) as address:
-        for _ in range(100):
-            try:
-                asked(address)
-                break
-            except urllib.error.URLError:
-                threading.Event().wait(0.1)
+        answer(lambda: asked(address))
         yield address, running
 
 
@@ -146,7 +140,7 @@ def test_its_page_and_its_state(page):
 
 def test_another_name_for_this_machine_is_refused(page):
     """A page elsewhere could point a name of its own here, and read what this one shows."""
-    connection = HTTPConnection(page[0].removeprefix("http://"), timeout=10.0)
+    connection = HTTPConnection(page[0].removeprefix("http://"), timeout=60.0)
     connection.request("GET", "/state", headers={"Host": "laboratory.example"})
     assert connection.getresponse().status == 400
 
