@@ -1,5 +1,7 @@
 """Journals: what was finished comes back, torn ends go, another's is refused; functions are known by what they do."""
 
+import errno
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,37 @@ def test_torn_at_every_byte_keeps_what_was_finished(tmp_path):
         assert entries(again) == list(range(finished))
         again.append({"x": np.array([99])})
         assert entries(Journal(path, {"seed": 1})) == [*range(finished), 99]
+
+
+def test_a_second_writer_is_refused_and_nothing_is_lost(tmp_path):
+    path = tmp_path / "j"
+    first, second = Journal(path, {}), Journal(path, {})
+    first.append({"x": np.array([1])})
+    with pytest.raises(InputError, match=r"another process has written .* one writer at a time"):
+        second.append({"x": np.array([2])})
+    third = Journal(path, {})
+    first.append({"x": np.array([3])})
+    with pytest.raises(InputError, match="another process"):
+        third.append({"x": np.array([4])})
+    assert entries(Journal(path, {})) == [1, 3]
+    first.remove()  # as at the end of a run
+    with pytest.raises(InputError, match="another process"):
+        third.append({"x": np.array([4])})
+
+
+def test_an_entry_that_the_disk_did_not_take_is_written_again(tmp_path, monkeypatch):
+    journal = Journal(tmp_path / "j", {})
+    journal.append({"x": np.array([1])})
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            journal.append({"x": np.array([2])})
+    journal.append({"x": np.array([3])})
+    assert entries(Journal(tmp_path / "j", {})) == [1, 3]
 
 
 def test_a_flipped_bit_is_found(tmp_path):

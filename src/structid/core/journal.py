@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
 import os
@@ -10,7 +11,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +34,19 @@ class Journal:
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
         self.path = Path(path)
         self.identity = dict(identity)
-        if self.path.exists() and self.path.stat().st_size > 0:
-            self._end = self._check()
-        else:
-            self._end = 0  # the first entry creates the file, so a campaign without runs leaves none
+        self._size = self._size_on_disk()  # a larger or smaller file has another writer
+        # The first entry creates the file, so a campaign without runs leaves none.
+        self._end = self._check() if self._size > 0 else 0
 
     def _create(self) -> None:
         header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
         self.path.parent.mkdir(parents=True, exist_ok=True)
         # Write, then rename: a journal either has a complete header or does not exist.
         write_then_rename(self.path, header)
-        self._end = len(header)
+        self._end = self._size = len(header)
+
+    def _size_on_disk(self) -> int:
+        return self.path.stat().st_size if self.path.exists() else 0
 
     def _check(self) -> int:
         with self.path.open("rb") as file:
@@ -113,24 +116,43 @@ class Journal:
     def remove(self) -> None:
         """Delete the file; the next entry starts a new one."""
         self.path.unlink(missing_ok=True)
-        self._end = 0
+        self._end = self._size = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one entry; it is on disk when the method returns."""
+        """Write one entry; it is on disk when the method returns. A second writer of the file is an `InputError`."""
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
         payload = buffer.getbuffer()  # no copy: a block of draws is tens of megabytes
         head = _frame_head(payload)
+        self._refuse_second_writer(self._size_on_disk())
         if self._end == 0:
             self._create()
-        with self.path.open("r+b") as file:
-            file.truncate(self._end)
-            file.seek(self._end)
-            file.write(head)
-            file.write(payload)
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with self.path.open("r+b") as file:
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                self._refuse_second_writer(os.fstat(file.fileno()).st_size)
+                file.truncate(self._end)
+                file.seek(self._end)
+                file.write(head)
+                file.write(payload)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            self._size = self._size_on_disk()  # a part of the entry may be there
+            raise
         self._end += len(head) + len(payload)
+        self._size = self._end
+
+    def _refuse_second_writer(self, size: int) -> None:
+        """Refuse to overwrite what another process has written since this one last wrote or read."""
+        if size != self._size:
+            raise InputError(
+                f"store {self.path}",
+                "another process has written to it",
+                "one writer at a time",
+                "Wait until it ends, then run this one again: it continues from the store.",
+            )
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
         if self._end == 0:
