@@ -132,7 +132,12 @@ def test_numbered_names_override_plain_ones():
         ({"mass": None}, "no mass"),
         ({"mass": [1.0, 2.0]}, "3 positive numbers"),
         ({"mass": -1.0}, "positive"),
-        ({"free": ("stiffness_4",)}, "stiffness_4"),
+        (
+            {"laws": ["bilinear", "linear"], "mass": [1.0, 2.0, 3.0]},
+            "2 laws and 3 masses. Expected: a law for each storey",
+        ),
+        ({"free": ("stiffness_4",)}, "3 laws, and 'stiffness_4' for storey 4. Expected: a law for each storey"),
+        ({"free": ("yield_force_x",)}, "yield_force_x"),
         ({"free": ("mass_1",)}, "value and is also free"),
         ({"free": ("stiffness_1",)}, "value and is also free"),
         ({"values": {"stiffness": 2e7}}, "yield_force_1"),

@@ -43,6 +43,8 @@ from structid.probability.space import ParameterSpace
 
 MOST_STOREYS = 50
 """Largest number of storeys."""
+EACH_STOREY = "a law for each storey, from the ground up"
+"""The laws that a frame needs, in messages."""
 
 STOREY_CHANNELS = (
     "displacement",
@@ -130,6 +132,7 @@ class HystereticFrame(TraceableModel):
         if not 1 <= len(laws) <= MOST_STOREYS:
             raise InputError("HystereticFrame.laws", f"{len(laws)} storeys", f"1 to {MOST_STOREYS} storeys")
         object.__setattr__(self, "laws", laws)
+        self._check_storeys()
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
             raise InputError("HystereticFrame.substeps", f"{self.substeps!r}", "a whole number of 1 or more")
         object.__setattr__(self, "free", check_free("HystereticFrame", self.free, tuple(self._described)))
@@ -139,6 +142,15 @@ class HystereticFrame(TraceableModel):
         object.__setattr__(self, "laws", tuple(self._with_values(j) for j in self._numbers))
         self._check_masses()
         self._check_damping()
+
+    def _check_storeys(self) -> None:
+        """Refuse fewer laws than there are storeys by the masses and by the numbers of the parameters."""
+        count = len(self.laws)
+        _check_masses_of("HystereticFrame.laws", count, self.mass)
+        for name in (self.free,) if isinstance(self.free, str) else (*self.free, *self.values):
+            plain, _, number = name.rpartition("_")
+            if plain in {"mass", *self._plain_names} and number.isdigit() and int(number) > count:
+                raise InputError("HystereticFrame.laws", f"{count} laws, and '{name}' for storey {number}", EACH_STOREY)
 
     @property
     def _numbers(self) -> range:
@@ -311,6 +323,12 @@ class HystereticFrame(TraceableModel):
         return f"HystereticFrame: {laws}; f {', '.join(f'{f:.4g}' for f in self._frequencies(np.zeros((1, 0)))[0])} Hz"
 
 
+def _check_masses_of(where: str, laws: int, mass: Any) -> None:
+    """Refuse fewer laws than masses."""
+    if np.size(mass) > max(1, laws):
+        raise InputError(where, f"{laws} laws and {np.size(mass)} masses", EACH_STOREY)
+
+
 def _laws_of(given: Mapping[str, Any]) -> tuple[HystereticLaw, ...]:
     """Return the laws that a table names."""
     return tuple(law_of("key 'model.laws'", name) for name in given["laws"])
@@ -318,8 +336,9 @@ def _laws_of(given: Mapping[str, Any]) -> tuple[HystereticLaw, ...]:
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
     """All parameter names of a frame."""
-    names = ["damping_ratio", "mass"]
-    for j, law in enumerate(_laws_of(given), start=1):
+    names, laws = ["damping_ratio", "mass"], _laws_of(given)
+    _check_masses_of("key 'model.laws'", len(laws), given.get("mass"))
+    for j, law in enumerate(laws, start=1):
         names += [f"mass_{j}", *law.parameters(), *(f"{name}_{j}" for name in law.parameters())]
     return list(dict.fromkeys(names))
 
@@ -354,5 +373,5 @@ KIND = ModelKind(
     build=_built,
     parameters=_parameters,
     parameter_unit=_unit,
-    note=" (and stiffness_2, …)",
+    note=" (and so on, for every law in model.laws)",
 )
