@@ -23,7 +23,13 @@ from structid.inference.diagnostics.posterior_summary import Summary
 from structid.inference.diagnostics.prior_warnings import PriorWarning, prior_warnings
 from structid.inference.diagnostics.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.diagnostics.robust_spread import RobustSpread, robust_spread
-from structid.inference.diagnostics.verdict import Verdict, convergence_failures, disagreements, unrest
+from structid.inference.diagnostics.verdict import (
+    Verdict,
+    convergence_failures,
+    disagreements,
+    uneven_shares,
+    unrest,
+)
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction import prediction as predictive
 from structid.inference.prediction.best_prediction import UNMEASURED, BestPrediction, best_prediction
@@ -274,6 +280,7 @@ class SamplingResult(ShownAsText):
         failures = convergence_failures(self._diagnostics, length, sampler.ensembles, stuck, sampler.needed_length)
         if not sampler.starts_elsewhere:
             failures += unrest(self.names, self.kept, self.coordinate_log_density[kept])
+        failures += uneven_shares(self.coordinate_log_density[kept])
         if self.beside is not None:
             failures += disagreements(self.target.compared_names, *map(self.target.compared, (self.kept, self.beside)))
         return stuck, failures
@@ -296,6 +303,7 @@ class SamplingResult(ShownAsText):
             best=best,
             kept_steps=len(accepted),
             needed_length=self.sampler.needed_length,
+            smallest_basin=float("nan") if self.log_evidence is None else self.log_evidence.smallest_basin,
         )
 
     @property

@@ -6,14 +6,15 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from structid.core.notebook import ShownAsText
 from structid.core.renamed import renamed_attribute
-from structid.inference.convergence import ParameterDiagnostics, standard_error
+from structid.inference.convergence import ParameterDiagnostics, effective_sample_size, standard_error
 from structid.inference.diagnostics.prior_warnings import PriorWarning
 from structid.inference.prediction.best_prediction import BestPrediction
-from structid.inference.sampling.smc.particle_mixing import still_moving
+from structid.inference.sampling.smc.particle_mixing import DENSEST, shares_of_densest, still_moving
 
 R_HAT_LIMIT = 1.01
 """Largest R-hat of a converged run (Vehtari et al. 2021)."""
@@ -23,6 +24,9 @@ TAILS = (0.01, 0.99)
 """Quantiles beyond which draws are compared with an independent population."""
 SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
 """Explanation added to an effective sample size."""
+UNEVEN = 1e-6
+"""Probability, over converged runs, of a variance between ensembles beside that expected from their autocorrelation times, below
+which the ensembles disagree."""
 ERRORS_APART = 5.0
 """Largest accepted difference of two estimates, in standard errors, when dozens of estimates are compared."""
 
@@ -59,6 +63,9 @@ class Verdict(ShownAsText):
         Number of steps kept after the discarded start.
     needed_length : float
         Number of autocorrelation times that the kept steps must span: many for a chain, few for a large population.
+    smallest_basin : float
+        Smallest basin of attraction, as a fraction of the prior, whose mode is found with a probability of 95 %; NaN without a
+        search.
     """
 
     converged: bool
@@ -74,6 +81,7 @@ class Verdict(ShownAsText):
     wrong_model: tuple[str, ...] = ()
     wrong_error_model: tuple[str, ...] = ()
     against_priors: tuple[PriorWarning, ...] = ()
+    smallest_basin: float = float("nan")
 
     @property
     def unexplained(self) -> float:
@@ -97,6 +105,10 @@ class Verdict(ShownAsText):
     def __str__(self) -> str:
         head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
         lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
+        if self.converged and np.isfinite(self.smallest_basin):
+            lines.append(
+                f"  Modes whose basin of attraction covers less than {self.smallest_basin:.2g} of the prior may be missing."
+            )
         if not self.converged:
             lines.append("  Priors, model and error model are assessed once the run has converged.")
         if self.converged and not self.doubt and np.isfinite(self.unexplained):
@@ -152,11 +164,26 @@ def unrest(
     if not moving:
         return []
     index, errors = max(moving.items(), key=lambda item: abs(item[1]))
-    quantity = (*names, "the log density")[index]
+    shares = (f"the share of the densest {1.0 - quantile:.0%} of the draws" for quantile in DENSEST)
+    quantity = (*names, "the log density", *shares)[index]
     return [
         f"the particles are not in equilibrium: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard "
         "errors while they move; regions they have not reached are missing from the draws and the evidence"
     ]
+
+
+def uneven_shares(log_density: Float[np.ndarray, "step ensemble walker"]) -> list[str]:
+    """Sentence about ensembles that hold different shares of the densest draws, as beside a narrow spike."""
+    for quantile, densest in zip(DENSEST, shares_of_densest(log_density), strict=True):
+        each = densest.mean(axis=(0, 2))
+        by_size = densest.var() / max(effective_sample_size(densest), 1.0) if np.ptp(densest) else 0.0
+        squares = np.sum((each - each.mean()) ** 2) / (len(each) * by_size) if by_size > 0.0 else 0.0
+        if len(each) > 1 and scipy.stats.chi2.sf(squares, len(each) - 1) < UNEVEN:
+            return [
+                f"the ensembles hold between {each.min():.2%} and {each.max():.2%} of their draws where the densest "
+                f"{1.0 - quantile:.0%} of all draws lie: some have not found a narrow region of high density, or its size"
+            ]
+    return []
 
 
 def disagreements(

@@ -8,7 +8,8 @@ import scipy.special
 import scipy.stats
 
 import structid as si
-from structid.inference.sampling.smc.lost_modes import all_modes, lost_modes
+from structid.inference.diagnostics.verdict import uneven_shares
+from structid.inference.sampling.smc.lost_modes import all_modes, lost_modes, thin_modes
 from structid.inference.sampling.smc.particle_mixing import still_moving
 
 normal = scipy.stats.norm.logpdf
@@ -169,6 +170,38 @@ def test_particles_that_have_not_reached_the_neck_of_a_funnel_say_so():
     assert result.log_evidence.value < -0.3
 
 
+def spike(dimension, width, share):
+    """A normal density inside a uniform one on the whole range; no valley divides them. It integrates to one."""
+
+    def density(x):
+        narrow = np.log(share) + normal(x, 0.3, width).sum(axis=1)
+        return np.logaddexp(narrow, np.log1p(-share) - dimension * np.log(2.0))
+
+    return boxed(density, dimension, 1.0)
+
+
+@pytest.mark.parametrize(("dimension", "width"), [(3, 0.06), (6, 0.1)])
+def test_a_spike_inside_the_bulk_has_its_share_and_its_evidence(dimension, width):
+    result = si.sample(spike(dimension, width, 0.5), SMALL, seed=1)
+    evidence = result.log_evidence
+    assert abs(evidence.value) < 4.0 * evidence.error + 0.02, str(evidence)
+    inside = np.sum(((result.flat - 0.3) / width) ** 2, axis=1) < scipy.stats.chi2.ppf(0.99, dimension)
+    assert inside.mean() == pytest.approx(0.5, abs=0.06)
+
+
+def test_particles_do_not_restart_for_a_mode_that_has_its_share():
+    rng = np.random.default_rng(4)
+    target, particles = spike(3, 0.06, 0.5), np.concatenate(
+        [rng.normal(0.3, 0.06, (500, 3)), rng.uniform(-1.0, 1.0, (500, 3))]
+    )  # fmt: skip
+    phi = target.bijection.inverse(particles)
+    scouts = target.initial(200, rng)
+    few = np.concatenate([phi[:10], phi[500:]])
+    (mode,) = thin_modes(target, few, target.evaluate(few)[0], scouts, 0.0)
+    np.testing.assert_allclose(target.bijection(mode.middle[None])[0], 0.3, atol=0.01)
+    assert thin_modes(target, phi, target.evaluate(phi)[0], scouts, 0.0) == []
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_particles_at_rest_are_not_said_to_move(seed):
     """Autoregressive walks: at rest from the start, and drifting by a fiftieth of their spread."""
@@ -180,6 +213,25 @@ def test_particles_at_rest_are_not_said_to_move(seed):
     assert still_moving(draws) == {}
     draws[..., 1] -= np.linspace(0.0, 0.25, 100)[:, None, None]
     assert list(still_moving(draws)) == [1] and still_moving(draws)[1] < 0
+
+
+def test_a_share_of_dense_draws_that_grows_is_said_to_move():
+    """Particles enter a narrow spike one after another, and stay: 4 % in the end, too few to move the mean rank far."""
+    rng = np.random.default_rng(5)
+    log_density = rng.normal(size=(100, 4, 1000))
+    entered = rng.uniform(0.0, 2500.0, size=(4, 1000))
+    log_density[np.arange(100)[:, None, None] > entered] += 10.0
+    draws = rng.normal(size=(100, 4, 1000, 1))
+    assert set(still_moving(draws, log_density)) >= {3}
+    assert set(still_moving(draws, log_density)).isdisjoint({0})
+
+
+def test_ensembles_with_other_shares_of_dense_draws_have_not_converged():
+    rng = np.random.default_rng(6)
+    log_density = rng.normal(size=(100, 4, 500))
+    assert uneven_shares(log_density) == []
+    log_density[:, 2, :20] += 10.0
+    assert "narrow region" in uneven_shares(log_density)[0]
 
 
 @pytest.mark.slow

@@ -12,10 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from structid.inference.target import Target
 
+COVERED = 0.999
+"""Probability of the ellipsoid of a mode that counts as covered by it."""
+THIN = 3.0
+"""Mass of a mode over its share of the particles from which the particles restart."""
 VALLEY = 1.0
 """Fall of the log density along the path between two points that counts as a valley."""
 PLACES = (0.0, 0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -51,6 +55,11 @@ class Mode(NamedTuple):
         """Log ∫ π over the mode: log π + (d/2) log 2π + ½ log det Σ."""
         spread = np.log(np.diag(self.factor)).sum()
         return float(self.log_density + 0.5 * len(self.middle) * np.log(2.0 * np.pi) + spread)
+
+    def covers(self, points: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
+        """Whether points lie where nearly all of a normal mode lies."""
+        z = scipy.linalg.solve_triangular(self.factor, (points - self.middle).T, lower=True)
+        return np.asarray(np.sum(z**2, axis=0) <= scipy.stats.chi2.ppf(COVERED, len(self.middle)))
 
 
 def lost_modes(
@@ -99,6 +108,34 @@ def _lost(explored: _Known, scouts: np.ndarray) -> list[Mode]:
         if not len(scouts):
             break
     return modes
+
+
+def thin_modes(
+    target: Target,
+    particles: Float[np.ndarray, "particle parameter"],
+    log_density: Float[np.ndarray, " particle"],
+    scouts: Float[np.ndarray, "scout parameter"],
+    log_evidence: float,
+) -> list[Mode]:
+    """Search for modes with far fewer particles than their mass asks for: a spike inside a wide mode, without a valley between.
+
+    Searches climb from the densest particles and scouts. The mass of a maximum comes from its curvature.
+    """
+    explored = _Known(target, particles, log_density)
+    modes: list[Mode] = []
+    density = explored.density(scouts)
+    densest = scouts[np.argsort(-np.nan_to_num(density, nan=-np.inf), kind="stable")[:SEARCHES]]
+    for start in (*(centre for centre, _ in explored.centres), *densest):
+        if any(mode.covers(start[None])[0] for mode in modes):
+            continue
+        modes.append(_climbed(explored, start))
+    found: list[Mode] = []
+    for mode in modes:
+        share = max(float(np.mean(mode.covers(particles))), 1.0 / len(particles))
+        again = any(other.covers(mode.middle[None])[0] for other in found)
+        if mode.log_mass - log_evidence > np.log(THIN * share) and not again:
+            found.append(mode)
+    return found
 
 
 def all_modes(

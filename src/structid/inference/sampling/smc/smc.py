@@ -30,7 +30,7 @@ from structid.inference.sampling.base import (
 )
 from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.smc.bridge_sampling import evidence_of
-from structid.inference.sampling.smc.lost_modes import lost_modes
+from structid.inference.sampling.smc.lost_modes import lost_modes, thin_modes
 from structid.inference.sampling.smc.particle_mixing import still_moving
 from structid.inference.sampling.smc.reference_density import FromReference
 from structid.inference.sampling.smc.tempering import Population, block_of, run_moves, run_stage, starting_population
@@ -220,13 +220,14 @@ class SMC(Sampler):
         return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
 
     def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
-        """A reference density around known and lost modes; None if no relevant mode is lost."""
+        """A reference density around known modes, lost ones, and those with too few particles; None if there are none of these."""
         stages, _ = _divided(blocks)
         end = Population.of(stages[0][-1])
         scouts = target.initial(self.scouts * self.ensembles * self.particles, stream(seed, Purpose.SMC_SCOUTS))
         particles = end.phi.reshape(-1, target.dimension), end.log_density.ravel()
-        least = _evidence(stages[0]).value + np.log(NEGLIGIBLE)
-        modes = [mode for mode in lost_modes(target, *particles, scouts) if mode.log_mass > least]
+        evidence = _evidence(stages[0]).value
+        lost = [m for m in lost_modes(target, *particles, scouts) if m.log_mass > evidence + np.log(NEGLIGIBLE)]
+        modes = lost + thin_modes(target, *particles, scouts, evidence)
         return FromReference(target, EnsembleState(end.phi, end.log_density), modes) if modes else None
 
     def _in_the_posterior(
