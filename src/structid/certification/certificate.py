@@ -31,6 +31,18 @@ FEWEST_DRAWS = 15
 NOTHING = 10.0
 """Largest bound that is reported as a number; a larger one is reported as "more than" this."""
 
+STEIN = ", and since their averages differ from those of their density by the gradient of its values (Stein's identity)"
+"""Second reason for an error of draws whose density is known only at them."""
+
+RESTS_ON_STEIN = (
+    "  the given values are those of the model itself: that the draws follow them rests on the gradient of these values "
+    "alone"
+)
+"""Line on draws with the values of the true posterior."""
+
+OWN = 1e-6
+"""Coefficient of variation of the weights below which the given values are those of the model."""
+
 UNSEEN = 3.0
 """The factor 3 in 3/n: with a probability of 5 %, none of n draws falls into a set of probability 3/n."""
 
@@ -188,9 +200,10 @@ class Certificate(ShownAsText):
         chance = self.monte_carlo
         if chance is None:
             return ""
+        kind, also = ("a Monte Carlo error", "") if chance.by_stein is None else ("an error of the draws", STEIN)
         return (
-            f"; this includes a Monte Carlo error of {chance.mean.max():.2g} standard deviations and "
-            f"{100.0 * chance.sd.max():.2g} %, since the draws count as {chance.size:.0f} independent draws"
+            f"; this includes {kind} of {chance.mean.max():.2g} standard deviations and {100.0 * chance.sd.max():.2g} %, since "
+            f"the draws count as {chance.size:.0f} independent draws{also}"
         )
 
     @property
@@ -229,10 +242,17 @@ class Certificate(ShownAsText):
             f"{self.shift_error[worst]:.2f} standard deviations",
             *([self._stored_runs_line] if self.within_reach else []),
             *([self._truncated_support_line] if self.missing else []),
+            *([RESTS_ON_STEIN] if self._values_of_the_model else []),
             f"  not excluded: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
         return "\n".join(lines)
+
+    @property
+    def _values_of_the_model(self) -> bool:
+        """Whether the given values at the draws are those of the model, so that the runs show nothing further."""
+        chance = self.monte_carlo
+        return chance is not None and chance.by_stein is not None and self.variation.estimate < OWN
 
     @property
     def _run_counts(self) -> str:

@@ -1,4 +1,4 @@
-"""Monte Carlo error of averages over draws."""
+"""Errors of averages over draws, from their number and, where Stein's identity shows more, from their density."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from structid.inference.convergence import standard_error
 
 @dataclass(frozen=True, eq=False)
 class MonteCarloError:
-    """Bounds on the Monte Carlo error of the moments of draws, with the confidence of a certificate."""
+    """Bounds on the errors of the moments of draws, beside those of their density, with the confidence of a certificate."""
 
     mean: Float[np.ndarray, " parameter"]  # of every mean, in standard deviations
     sd: Float[np.ndarray, " parameter"]  # of every standard deviation, relative to it
     correlation: Float[np.ndarray, "parameter parameter"]  # of every correlation
     size: float  # number of independent draws with the same error as the least certain mean
     confidence: float  # simultaneous confidence
+    # Largest differences of draws from their density along any direction, by Stein's identity, where the density is known only at
+    # the draws: of the mean, in standard deviations, and of the standard deviation, relative to it
+    by_stein: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
@@ -39,12 +42,20 @@ class MonteCarloError:
             rho = np.mean(z[..., i] * z[..., j])
             error = _error(z[..., i] * z[..., j] - 0.5 * rho * (z[..., i] ** 2 + z[..., j] ** 2))
             of_correlation[i, j] = of_correlation[j, i] = error
-        one, pairs = _quantile(confidence, dimension), _quantile(confidence, max(dimension * (dimension - 1) // 2, 1))
+        counts = dimension, max(dimension * (dimension - 1) // 2, 1)
+        one, pairs = (simultaneous_quantile(confidence, count) for count in counts)
         return cls(one * of_mean, one * of_sd, pairs * of_correlation, float(of_mean.max() ** -2), confidence)
 
     def of_probability(self, p: float) -> float:
-        """Bound on the difference between the fraction of draws in an event and its probability."""
-        return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
+        """Bound on the difference between the fraction of draws in an event and its probability.
+
+        A normal density that is shifted by δ and wider by η changes the probability of x > t by φ(t) (δ + η |t|).
+        """
+        by_number = simultaneous_quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
+        if self.by_stein is None:
+            return by_number
+        (shift, widening), t = self.by_stein, float(scipy.stats.norm.isf(p))
+        return max(by_number, float(scipy.stats.norm.pdf(t)) * (shift + widening * abs(t)))
 
     def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
         """Report if there are too few draws for the limits, whatever their density."""
@@ -80,6 +91,6 @@ def _error(values: np.ndarray) -> float:
     return standard_error(values.T[:, :, None])
 
 
-def _quantile(confidence: float, count: int) -> float:
+def simultaneous_quantile(confidence: float, count: int) -> float:
     """Return the normal quantile for a number of simultaneous two-sided statements."""
     return float(scipy.stats.norm.ppf(1.0 - 0.5 * (1.0 - confidence) / count))

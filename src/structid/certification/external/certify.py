@@ -136,7 +136,8 @@ def certify(
     drawn = _drawn_density(posterior, draws_taken, log_density, rng)
     known = _known(known, posterior.dimension)
     by_chance = MonteCarloError.of(posterior.compared(drawn.in_order(drawn.flat)), limits.confidence)
-    doubts = (*drawn.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
+    doubts, of_draws = drawn.checked(known[0], by_chance, limits, seed)
+    doubts = (*doubts, *by_chance.too_large(limits, posterior.compared_names))
     chosen = drawn.chosen(drawn.enough if true_runs is None else true_runs, rng)
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
     _compare_known(known, truth)
@@ -166,7 +167,7 @@ def certify(
     more = len(chosen.theta) // 2 if teaching is None else teaching
     far = drawn.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
     certificate = _judged(drawn, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
-    return replace(certificate, subject=drawn.subject, searched=searching, monte_carlo=by_chance)
+    return replace(certificate, subject=drawn.subject, searched=searching, monte_carlo=of_draws)
 
 
 def _judged(

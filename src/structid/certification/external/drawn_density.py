@@ -11,6 +11,8 @@ import scipy
 from jaxtyping import Bool, Float, Int
 
 from structid.certification.external.fitted_density import FittedDensity
+from structid.certification.limits import Limits
+from structid.certification.monte_carlo_error import MonteCarloError
 from structid.core.errors import InputError
 from structid.inference.convergence import walkers_in_turn
 from structid.inference.target import Target
@@ -146,9 +148,11 @@ class DrawnDensity(ABC):
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
         return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
-    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Report the evidence against q that needs no model run."""
-        return ()
+    def checked(
+        self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
+    ) -> tuple[tuple[str, ...], MonteCarloError]:
+        """Report the evidence against q that needs no model run, and bounds on the errors of the draws' moments."""
+        return (), by_chance
 
 
 def refuse_another(

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from structid.certification.external.drawn_density import MANY, Chosen, DrawnDensity, refuse_another
+from structid.certification.limits import Limits
+from structid.certification.monte_carlo_error import MonteCarloError
 from structid.core.errors import InputError
 from structid.core.validation import real_array
 from structid.inference.diagnostics.second_sampler import check_representation
@@ -126,12 +128,15 @@ class DensityOfDraws(DrawnDensity):
         density = self.log_density(theta)
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
-    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Compare the draws with a second sampler's draws from q; see `DrawnDensity.doubts`."""
+    def checked(
+        self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
+    ) -> tuple[tuple[str, ...], MonteCarloError]:
+        """Compare the draws with a second sampler's draws from q; see `DrawnDensity.checked`."""
         comparison = check_representation(
             _Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed
         )
-        return tuple(f"these are not draws of the given density: {failure}" for failure in comparison.failures)
+        doubts = (f"these are not draws of the given density: {failure}" for failure in comparison.failures)
+        return tuple(doubts), by_chance
 
 
 class _Explored(Target):

@@ -10,11 +10,16 @@ from jaxtyping import Float
 from structid.certification.external.drawn_density import Chosen, DrawnDensity, of_fitted, refuse_another
 from structid.certification.external.draws_with_density import WIDE_SHARE, DensityOfDraws
 from structid.certification.external.fitted_density import FittedDensity
-from structid.certification.external.stein_identity import not_its_draws
+from structid.certification.external.scores_at_draws import Interpolation, interpolated
+from structid.certification.external.stein_identity import SteinTest
+from structid.certification.limits import Limits
+from structid.certification.monte_carlo_error import MonteCarloError
 from structid.core.errors import InputError
 from structid.core.streams import Purpose, stream
 from structid.inference.target import Target
 
+CERTAIN = 0.3
+"""Largest standard deviation of an interpolated log density that is used [nat]."""
 FITTED_DRAWS = 20_000
 """Number of draws that represent a fitted density."""
 MOMENTS = 0.1
@@ -24,7 +29,7 @@ MOMENTS = 0.1
 class ValuesAtDraws(DrawnDensity):
     """External draws whose log density is known only at the draws."""
 
-    subject = "for a density that is known only at the draws"
+    subject = "for a density that is known only at the draws, if it has no mode far from them"
 
     def __init__(
         self, posterior: Target, draws: np.ndarray, values: Float[np.ndarray, "*chain draw"], rng: np.random.Generator
@@ -40,10 +45,23 @@ class ValuesAtDraws(DrawnDensity):
         self.at_draws = flat
         self.fitted = refuse_another(self, flat, rng)
 
+    @cached_property
+    def interpolation(self) -> Interpolation:
+        """Kriging surrogate of the log density between some draws."""
+        return interpolated(self, stream(0, Purpose.INTERPOLATED_VALUES))
+
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
-        """Log density of a density fitted to the draws; see `DrawnDensity.log_density`."""
+        """Log density of the interpolation where it is certain, and of a density fitted to the draws elsewhere."""
         log_fitted = of_fitted(self.fitted, self, self.flat)
-        return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - log_fitted))
+        found = of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - log_fitted))
+        inside = np.isfinite(found)
+        if inside.any():
+            phi = self.bijection.inverse(theta[inside])
+            mean, deviation = self.interpolation.kriged.at(phi)
+            mean = mean - self.bijection(phi)[1]
+            certain = (deviation < CERTAIN) & (mean <= self.highest)
+            found[inside] = np.where(certain, mean, found[inside])
+        return found
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
         """Draws alone; see `DrawnDensity.chosen`."""
@@ -54,9 +72,12 @@ class ValuesAtDraws(DrawnDensity):
         """Draws alone; see `DrawnDensity.around`."""
         return self.chosen(count, rng)
 
-    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Check by Stein's identity that the draws have the given density; see `DrawnDensity.doubts`."""
-        return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
+    def checked(
+        self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
+    ) -> tuple[tuple[str, ...], MonteCarloError]:
+        """Check by Stein's identity that the draws have the given density; see `DrawnDensity.checked`."""
+        test = SteinTest.of(self, self.interpolation, by_chance, stream(seed, Purpose.INTERPOLATED_VALUES))
+        return test.doubts(limits, self.posterior.compared_names), test.added_to(by_chance)
 
 
 class FittedToDraws(DensityOfDraws):
@@ -89,17 +110,20 @@ class FittedToDraws(DensityOfDraws):
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 
-    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
-        """Compare the moments of the fitted density and of the draws; see `DrawnDensity.doubts`."""
+    def checked(
+        self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
+    ) -> tuple[tuple[str, ...], MonteCarloError]:
+        """Compare the moments of the fitted density and of the draws; see `DrawnDensity.checked`."""
         given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
         sd = given.std(axis=0)
         means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd
         sds = np.abs(many.std(axis=0) / sd - 1.0)
         worst = int(np.argmax(np.maximum(means, sds)))
         if max(means[worst], sds[worst]) <= MOMENTS:
-            return ()
-        return (
+            return (), by_chance
+        doubt = (
             "the density that was fitted to the draws does not have their moments: the mean of "
             f"{self.posterior.compared_names[worst]} differs by {means[worst]:.2g} standard deviations, its standard deviation "
-            f"by {sds[worst]:.0%}; give the density itself",
+            f"by {sds[worst]:.0%}; give the density itself"
         )
+        return (doubt,), by_chance

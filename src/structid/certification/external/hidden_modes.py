@@ -1,7 +1,8 @@
 """Search for modes that external draws have missed, by model runs.
 
 Draws contain no information about regions without draws. A Kriging surrogate of the log density, fitted to all known runs,
-predicts where it could be high. The surrogate is uncertain far from the runs. If all runs are at draws, they lie close together,
+predicts where it could be high. Parameters with the same prior may be exchangeable: the first runs exchange them in the best
+draw. The surrogate is uncertain far from the runs. If all runs are at draws, they lie close together,
 and their extrapolated trend makes the surrogate overconfident everywhere. Without other runs, the search therefore begins at
 draws of the prior. The model is then run at the points most likely to have a relevant density. If a run finds a relevant density
 there, no certificate is issued. A mode may still be missed.
@@ -9,9 +10,11 @@ there, no certificate is issued. A mode may still be missed.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from structid.certification.external.drawn_density import DrawnDensity
 from structid.certification.external.kriged_density import CORRELATIONS, Chart, KrigedDensity, standardised_by
@@ -26,6 +29,8 @@ APART = 0.3
 """Smallest distance between two runs of a round, in standard deviations of the prior."""
 NEAR = 3.0
 """Multiple of `Limits.reach` below the best run within which a run doubles the number of search runs."""
+ALIKE = 0.05
+"""Largest distance of the distribution functions of two parameters with the same prior, over the scouts."""
 HOPELESS = -10.0
 """Predicted log density minus a relevant one, in Kriging standard deviations, below which the search ends."""
 
@@ -50,7 +55,8 @@ def searched(
     # Regions that the draws do not visit; fresh draws of a wider density cover the tails of the draws.
     best = max(at_draws[1].max(), known[1].max(initial=-np.inf))
     free = (of_draws < best - limits.reach) & ~drawn.covers(theta)
-    new_runs: Points = np.empty((0, drawn.posterior.dimension)), np.empty(0)
+    exchanged = _exchanged(drawn, at_draws, scouts)[:count]
+    new_runs: Points = exchanged, run(exchanged) if len(exchanged) else np.empty(0)
     most = count
     while len(new_runs[0]) < most and free.any():
         others = joined(known, new_runs)
@@ -72,6 +78,19 @@ def searched(
         if (result >= best - NEAR * limits.reach).any():
             most = 2 * count
     return new_runs
+
+
+def _exchanged(drawn: DrawnDensity, at_draws: Points, scouts: np.ndarray) -> np.ndarray:
+    """The best draw with two parameters of the same prior exchanged, where this leaves the draws; the farthest first."""
+    best, sd = at_draws[0][np.argmax(at_draws[1])], drawn.flat.std(axis=0)
+    found = []
+    for i, j in itertools.combinations(range(len(best)), 2):
+        if scipy.stats.ks_2samp(scouts[:, i], scouts[:, j]).statistic < ALIKE:
+            point = best.copy()
+            point[[i, j]] = best[[j, i]]
+            found.append((abs(best[i] - best[j]) / np.hypot(sd[i], sd[j]), point))
+    points = np.array([point for _, point in sorted(found, key=lambda one: -one[0])]).reshape(-1, len(best))
+    return points[~drawn.covers(points)] if len(points) else points
 
 
 def _kriged(drawn: DrawnDensity, chart: Chart, known: Points) -> KrigedDensity:

@@ -119,8 +119,13 @@ class KrigedDensity:
             self.kriging,
         )
 
-    def at(self, phi: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
+    def mean_at(self, phi: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Predict the log density."""
+        z, guess = self.chart(phi)
+        return np.asarray(guess + self.kriging.predict(z)[:, 0])
+
+    def at(self, phi: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
+        """Predict the log density, and its standard deviation."""
         z, guess = self.chart(phi)
         mean, deviation = self.kriging.predict(z, return_std=True)
         return guess + mean[:, 0], deviation[:, 0]

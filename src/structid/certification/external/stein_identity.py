@@ -1,129 +1,218 @@
-"""Test by Stein's identity whether draws follow a density that is known only at the draws.
+"""Errors of the moments of draws, and a test of the draws, by Stein's identity; their density is known only at the draws.
 
-Over draws from a density q, the gradient of log q averages to 0, and its product with the distance from the mean to −1:
+Over draws from a density q that falls to zero, every smooth function g fulfils
 
-E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
+E_q[g ∂ log q/∂z_j + ∂g/∂z_j] = 0
 
 (C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural
-Information Processing Systems 28). Both identities follow from integration by parts if q falls to zero. If the draws end where q
-is not zero, the boundary term is missing. Draws that lack a part of q, or come from an unconverged chain, are therefore detected
-from q at the draws alone. A mode far from all draws is not detected.
-
-The gradients come from Kriging surrogates that interpolate log q between a few hundred draws.
+Information Processing Systems 28). Constant and linear g show the moments of q. With the scores s = ∂ log q/∂z, their regression
+on z has the slope −P: P⁻¹ is the covariance of q, and E[z] + P⁻¹ E[s] its mean. This is exact for a normal q, whatever draws are
+given, and for draws from q, whatever q is. Functions g from a kernel show other differences (K. Chwialkowski, H. Strathmann &
+A. Gretton 2016, Proc. 33rd ICML). A mode far from all draws is not detected.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.external.drawn_density import DrawnDensity
-from structid.certification.external.kriged_density import (
-    CORRELATIONS,
-    KrigedDensity,
-    in_parameters,
-    normal_by,
-    standardised_by,
+from structid.certification.external.scores_at_draws import (
+    COMPARED,
+    Coordinates,
+    Interpolation,
+    Scores,
+    covariance_of,
+    power_of,
 )
-from structid.inference.convergence import standard_error
+from structid.certification.limits import Limits
+from structid.certification.monte_carlo_error import MonteCarloError, simultaneous_quantile
 
-INTERPOLATED = 200
-"""Largest number of draws that a Kriging surrogate interpolates. Two surrogates fitted to different draws give an
-estimate of their error."""
-COMPARED = 3000
-"""Approximate limit on the number of draws over which gradients are averaged."""
-SLOPE, SPREAD = 0.1, 0.2
-"""Accepted deviations of the averages from 0 and −1, in addition to their errors. For a normal distribution, they correspond to
-errors of 0.1 standard deviations in the mean and of 10 % in the standard deviation."""
-TELLING = 0.4
-"""Error of the first average above which the test is undecided: half a normal distribution has an average of 0.48."""
-ERRORS = 3.0
-"""Number of standard errors allowed for an average."""
-STEP = 1e-3
-"""Step of a difference quotient, in standard deviations."""
+LEAST_SHARE = 0.05
+"""Share of the draws that the weights must leave effective for a decision."""
+NOTHING = 10.0
+"""Largest difference that is reported as a number."""
+RARE = 0.002
+"""Probability of what was observed, over draws of q, below which the draws are refused."""
+LACKING = "The draws lack a part of q, or their chain has not converged"
+UNDECIDED = "the values of the given density at the draws cannot decide whether the draws follow it (Stein's identity)"
 
 
-class _Averages(NamedTuple):
-    """E[∂ log q/∂z_j] and −E[z_j ∂ log q/∂z_j] over the draws, each with its error, shape (parameter,)."""
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """By how much the moments of draws differ from those of their density, and the error of these differences."""
 
-    slope: np.ndarray
-    slope_error: np.ndarray
-    spread: np.ndarray
-    spread_error: np.ndarray
+    mean: Float[np.ndarray, " parameter"]  # in standard deviations of q
+    sd: Float[np.ndarray, " parameter"]  # relative to that of q
+    correlation: Float[np.ndarray, "parameter parameter"]
 
-
-def not_its_draws(drawn: DrawnDensity, rng: np.random.Generator) -> tuple[str, ...]:
-    """Explain, by Stein's identity, why the draws do not follow the given density; empty if no contradiction is found."""
-    averages = _averages(drawn, rng)
-    slope = np.abs(averages.slope) - averages.slope_error - SLOPE
-    spread = np.abs(averages.spread - 1.0) - averages.spread_error - SPREAD
-    if max(slope.max(), spread.max()) <= 0.0:
-        return _undecided(float(averages.slope_error.max()))
-    if slope.max() >= spread.max():
-        worst = int(np.argmax(slope))
-        finding = f"the gradient of log q must average to 0, not {averages.slope[worst]:+.2f}"
-    else:
-        worst = int(np.argmax(spread))
-        finding = f"the gradient of log q times (x − mean) must average to -1, not {-averages.spread[worst]:.2f}"
-    return (
-        f"these are not draws of the given density q: {finding} along {drawn.posterior.names[worst]}, in standard "
-        "deviations (Stein's identity). The draws lack a part of q, or their chain has not converged",
-    )
+    @property
+    def kinds(self) -> tuple[np.ndarray, ...]:
+        """All differences."""
+        return self.mean, self.sd, self.correlation
 
 
-def _undecided(error: float) -> tuple[str, ...]:
-    if error <= TELLING:
+@dataclass(frozen=True, eq=False)
+class SteinTest:
+    """What Stein's identity says of draws.
+
+    Parameters
+    ----------
+    deviation, error : Deviation
+        Differences of the moments of the draws from those of q, and the errors of these differences, with a confidence.
+    shift, widening : float
+        Largest difference of the mean along any direction, in standard deviations, and largest relative one of the
+        standard deviation.
+    moment_probability, kernel_probability : float
+        Probabilities, over draws of q, of averages and of a kernel Stein discrepancy as large as those of the draws.
+    effective_share : float
+        Share of the draws that the weights leave effective.
+    """
+
+    deviation: Deviation
+    error: Deviation
+    shift: float
+    widening: float
+    moment_probability: float
+    kernel_probability: float
+    effective_share: float
+
+    @classmethod
+    def of(
+        cls, drawn: DrawnDensity, interpolation: Interpolation, by_chance: MonteCarloError, rng: np.random.Generator
+    ) -> SteinTest:
+        """Test draws whose Monte Carlo error is known."""
+        coordinates, scores = interpolation.coordinates, Scores.of(drawn, interpolation)
+        z = coordinates.standard(drawn.phi)
+        compared = partial(_compared, drawn, coordinates)
+        of_q = scores.moments_of_q
+        some = z[:: max(1, len(z) // COMPARED)]
+        jackknife = [
+            _deviation(compared, some, *scores[scores.blocks != block].moments_of_q)
+            for block in np.unique(scores.blocks)
+        ]
+        matrix = power_of(of_q[1], -0.5)
+        independent = by_chance.size * min(1.0, len(scores.z) / len(z))
+        return cls(
+            _deviation(compared, z, *of_q),
+            _error(jackknife, by_chance.confidence),
+            float(np.linalg.norm(matrix @ of_q[0])),
+            float(np.abs(np.linalg.eigvalsh(matrix) - 1.0).max()),
+            scores.moment_probability(independent, rng),
+            scores.kernel_probability(independent, rng),
+            scores.effective_share,
+        )
+
+    def added_to(self, by_chance: MonteCarloError) -> MonteCarloError:
+        """Return bounds on the errors of the moments that hold by the number of the draws and by Stein's identity."""
+        mean, sd, correlation = (
+            np.maximum(of_chance, np.abs(deviation) + error)
+            for of_chance, deviation, error in zip(
+                (by_chance.mean, by_chance.sd, by_chance.correlation),
+                self.deviation.kinds,
+                self.error.kinds,
+                strict=True,
+            )
+        )
+        return replace(by_chance, mean=mean, sd=sd, correlation=correlation, by_stein=(self.shift, self.widening))
+
+    def doubts(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Explain why the draws do not follow their density, or why this cannot be decided; empty otherwise."""
+        certain = self._worst(limits, -1.0)
+        if certain.times > 1.0 and self.moment_probability < RARE:
+            return (
+                "these are not draws of the given density q: by its gradient at the draws (Stein's identity), "
+                f"{certain.finding(names, 'is')}. {LACKING}",
+            )
+        if self.kernel_probability < RARE:
+            return (
+                "these are not draws of the given density q: draws of q have such a kernel Stein discrepancy with a "
+                f"probability of less than {RARE:.1%}. {LACKING}",
+            )
+        possible = self._worst(limits, 1.0)
+        if possible.times > 1.0:
+            return (f"{UNDECIDED}: {possible.finding(names, 'may be')}. Give the density as a function, or more draws",)
+        if self.effective_share < LEAST_SHARE:
+            return (
+                f"{UNDECIDED}: a surrogate of log q agrees with it at only {self.effective_share:.1%} of the draws. Give the "
+                "density as a function",
+            )
         return ()
-    return (
-        "the values of the given density at the draws cannot decide whether the draws follow it: the error of the average "
-        f"gradient is {error:.2g}, while half a normal density has an average of 0.48 (Stein's identity). Give the density as "
-        "a function, or more draws",
-    )
+
+    def _worst(self, limits: Limits, errors: float) -> _Finding:
+        """The difference that exceeds its limit most, with a multiple of its error."""
+        found = []
+        for word, unit, deviation, error, limit in zip(
+            ("mean", "standard deviation", "correlation"),
+            (" standard deviations", " of its value", ""),
+            self.deviation.kinds,
+            self.error.kinds,
+            (limits.mean, limits.sd, limits.correlation),
+            strict=True,
+        ):
+            size = np.abs(deviation) + errors * error
+            place = np.unravel_index(int(np.argmax(size)), size.shape)
+            found.append(_Finding(word, unit, float(size[place]), limit, tuple(map(int, place))))
+        return max(found, key=lambda finding: finding.times)
 
 
-def _averages(drawn: DrawnDensity, rng: np.random.Generator) -> _Averages:
-    values = drawn.at_draws + drawn.bijection(drawn.phi)[1]
-    krigings, off = _interpolated(drawn, values, rng)
-    chains = drawn.in_order(drawn.phi)[:, :: max(1, len(drawn.phi) // COMPARED)]
-    root = _symmetric_root(drawn.phi)
-    z = (chains - drawn.phi.mean(axis=0)) @ np.linalg.inv(root)
-    slopes = [_slope(kriged, chains.reshape(-1, len(root)), root).reshape(z.shape) for kriged in krigings]
-    first, second = ((s.mean(axis=(0, 1)), -(z * s).mean(axis=(0, 1))) for s in slopes)
-    # An error e of the Kriging adds E[z e] and E[(z² − 1) e] for normal draws, at most its standard deviation and √2 times that.
-    by_chance = [
-        [standard_error(x[..., j].T[:, :, None]) for j in range(len(root))] for x in (slopes[0], z * slopes[0])
-    ]
-    return _Averages(
-        0.5 * (first[0] + second[0]),
-        ERRORS * np.array(by_chance[0]) + np.abs(first[0] - second[0]) + off,
-        0.5 * (first[1] + second[1]),
-        ERRORS * np.array(by_chance[1]) + np.abs(first[1] - second[1]) + np.sqrt(2.0) * off,
-    )
+@dataclass(frozen=True)
+class _Finding:
+    """A difference between draws and their density."""
+
+    word: str
+    unit: str
+    size: float
+    limit: float
+    place: tuple[int, ...]
+
+    @property
+    def times(self) -> float:
+        """Multiple of the limit."""
+        return self.size / self.limit
+
+    def finding(self, names: tuple[str, ...], verb: str) -> str:
+        """The difference in words."""
+        whose = " and ".join(names[place] for place in self.place)
+        size = f"{self.size:.2g}" if self.size < NOTHING else f"more than {NOTHING:g}"
+        return f"the {self.word} of {whose} {verb} wrong by {size}{self.unit}; the limit is {self.limit:g}"
 
 
-def _interpolated(
-    drawn: DrawnDensity, values: np.ndarray, rng: np.random.Generator
-) -> tuple[list[KrigedDensity], float]:
-    """Two Kriging surrogates of log q, and the root mean square of their errors at draws they have not used [nat]."""
-    rows = drawn.distinct(3 * INTERPOLATED, rng)
-    first, second, unseen = np.array_split(rows, 3)
-    charts = [in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi), normal_by(drawn.fitted)]
-    forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
-    best = KrigedDensity.best(forms, drawn.phi[first], values[first], np.ones(len(first)))
-    other = KrigedDensity.fitted(best.chart, best.correlation, drawn.phi[second], values[second], best.kriging)
-    errors = [kriged.at(drawn.phi[unseen])[0] - values[unseen] for kriged in (best, other)]
-    return [best, other], float(np.sqrt(np.mean(np.square(errors))))
+def _compared(drawn: DrawnDensity, coordinates: Coordinates, z: np.ndarray) -> np.ndarray:
+    """The parameters whose moments are certified."""
+    return drawn.posterior.compared(drawn.bijection(coordinates.phi(z))[0])
 
 
-def _slope(kriged: KrigedDensity, phi: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """∂ log q/∂z at φ = μ + root z, (point, parameter)."""
-    steps = STEP * root.T
-    ahead, behind = (np.stack([kriged.at(phi + sign * step)[0] for step in steps], axis=1) for sign in (1.0, -1.0))
-    return np.asarray((ahead - behind) / (2.0 * STEP))
+def _deviation(
+    compared: Callable[[np.ndarray], np.ndarray], z: np.ndarray, mean: np.ndarray, covariance: np.ndarray
+) -> Deviation:
+    """Differences of the moments of draws from those of the same draws with another mean and covariance."""
+    equal = np.full(len(z), 1.0 / len(z))
+    own = covariance_of(z, equal)
+    # Of all maps between two covariances, the symmetric one moves the draws least.
+    root, inverse = power_of(own, 0.5), power_of(own, -0.5)
+    matrix = inverse @ power_of(root @ covariance @ root, 0.5) @ inverse
+    moved = mean + (z - z.mean(axis=0)) @ matrix
+    given, of_q = (_moments(compared(points)) for points in (z, moved))
+    return Deviation((given[0] - of_q[0]) / of_q[1], given[1] / of_q[1] - 1.0, given[2] - of_q[2])
 
 
-def _symmetric_root(phi: np.ndarray) -> np.ndarray:
-    """Return the symmetric root of the covariance, whose coordinates are closest to the parameters themselves."""
-    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(phi.T)))
-    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+def _error(jackknife: list[Deviation], confidence: float) -> Deviation:
+    """Error of a deviation from its values without each block of draws in turn."""
+    count, errors = len(jackknife), []
+    for values in zip(*(deviation.kinds for deviation in jackknife), strict=True):
+        among = np.array(values)
+        sd = np.sqrt((count - 1) ** 2 / count * among.var(axis=0, ddof=1))
+        errors.append(simultaneous_quantile(confidence, max(among[0].size, 1)) * sd)
+    return Deviation(*errors)
+
+
+def _moments(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, standard deviations and correlations."""
+    sd = points.std(axis=0)
+    covariance = np.atleast_2d(np.cov(points.T, bias=True))
+    return points.mean(axis=0), sd, covariance / np.outer(sd, sd)

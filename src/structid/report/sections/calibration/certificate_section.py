@@ -40,7 +40,7 @@ def what_was_asked(certificate: Certificate) -> Table:
 
 def what_was_bounded(certificate: Certificate) -> Table:
     """Table of the error bounds for the moments of each parameter."""
-    by_chance = [] if certificate.monte_carlo is None else ["Monte Carlo part [sd]"]
+    by_chance = [] if certificate.monte_carlo is None else ["part of the draws [sd]"]
     heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "estimated shift of mean [sd]"]
     return Table(
         "Error bounds for each parameter, with "
