@@ -5,6 +5,7 @@ import pytest
 
 import structid as si
 from structid.inference.prediction.band_scale import LIMITS, BandScale
+from structid.inference.prediction.prediction import predict
 
 DT = 0.01
 TIME = DT * np.arange(4000)
@@ -96,3 +97,21 @@ def test_a_model_whose_peaks_are_too_low_is_corrected():
     linear = np.abs(clean[1]).max() / 1.3
     assert low < linear < np.abs(clean[1]).max() < high
     assert result.predict().peak_ratio is None
+
+
+def test_outliers_do_not_narrow_the_spread_of_the_parameters():
+    """With 1 % outliers, normal errors are too large and their band is narrowed; the response keeps its own spread."""
+    rng = np.random.default_rng(7)
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(1.8)
+    other = si.GroundMotion.synthetic(seed=4).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(1.8)
+    space = si.ParameterSpace(stiffness=si.Normal(7.4e6, 0.7e6, unit="N/m"))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=0.1, beta=60.0, gamma_ratio=0.2, free=space.names)
+    clean = model.simulate(np.array([[7.4e6]]), record).values[0, :, 0]
+    noise = 0.01 * clean.std() * rng.normal(size=len(clean))
+    noise[rng.random(len(noise)) < 0.01] += 3.0 * clean.std()
+    posterior = si.Posterior(space, model, si.Observation(record, clean + noise))
+    theta = np.stack([rng.normal(7.4e6, 0.05e6, 200), rng.uniform(0.9, 1.1, 200) * noise.var()], axis=1)
+    scaled, plain = (predict(posterior, theta, other, scaled=scaled) for scaled in (True, False))
+    np.testing.assert_allclose(scaled.response, plain.response, atol=1e-12)
+    assert scaled.observable.std(axis=0).mean() < 0.7 * plain.observable.std(axis=0).mean()
+    assert (scaled.observable.std(axis=0) > 0.99 * plain.response.std(axis=0)).all()

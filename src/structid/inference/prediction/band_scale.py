@@ -50,8 +50,13 @@ class BandScale:
             factors[:, channel] = _factors(away, power[known, channel])
         return cls(factors)
 
-    def applied(self, draws: Float[np.ndarray, "draw time channel"], dt: float) -> np.ndarray:
-        """Scale the deviation of draws from their median."""
+    def applied(
+        self,
+        draws: Float[np.ndarray, "draw time channel"],
+        dt: float,
+        least: Float[np.ndarray, "time channel"] | None = None,
+    ) -> np.ndarray:
+        """Scale the deviation of draws from their median, to no less than a smallest standard deviation."""
         if not len(draws):
             return draws
         middle = median(draws)
@@ -59,6 +64,10 @@ class BandScale:
         scale = np.stack(
             [_between(power[:, i], factors_of_channel) for i, factors_of_channel in enumerate(self.factors.T)], axis=1
         )
+        if least is not None:
+            spread = draws.std(axis=0)
+            # Draws that vary less than this are not made wider.
+            scale = np.maximum(scale, np.minimum(least / np.where(spread > 0.0, spread, 1.0), 1.0))
         scaled = draws - middle
         scaled *= scale
         scaled += middle

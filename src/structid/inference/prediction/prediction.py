@@ -28,6 +28,8 @@ from structid.models.base import Model
 from structid.models.finer_steps import simulate_in_steps_it_needs
 from structid.observation import Observation
 
+FEW_DRAWS = 100
+"""Number of draws that show the spread of the response from the posterior of the parameters alone."""
 PEAK_SHARE = (0.5, 0.5)
 """Mean and standard deviation of the exponent with which the measured peak ratio corrects the peaks on another record."""
 
@@ -182,13 +184,15 @@ class Predictor:
         prediction = self._responding(record, sources, progress, stand_in)
         if not self.scaled or not len(prediction.response):
             return prediction
+        own = self._spread_of_parameters(prediction, record, sources, stand_in)
         for index in sources.indices:
             measured = observations[index]
             if index in sources.here:
                 places = sources.places(index)
                 there = [measured.channels.index(sources.channels[position]) for position in places]
                 scale = self._band_scale(index, there, prediction, places)
-                _scale(prediction, scale, places, record.dt, response=False)  # its parameters have no added drift
+                # Its parameters have no added drift.
+                _scale(prediction, scale, places, record.dt, own, response=False)
         # A further prediction of the measured record would double the runs of an expensive model.
         if sources.here or self.posterior.costs_runs:
             return prediction
@@ -197,10 +201,24 @@ class Predictor:
             measured, places = observations[index], sources.places(index)
             there = [measured.channels.index(sources.channels[position]) for position in places]
             scale, ratio = self._of_the_measured_record(index)
-            _scale(prediction, BandScale(scale.factors[:, there]), places, record.dt)
+            _scale(prediction, BandScale(scale.factors[:, there]), places, record.dt, own)
             ratios[places] = ratio[there]
         share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
         return replace(prediction, peak_ratio=ratios, peak_share=share)
+
+    def _spread_of_parameters(
+        self, prediction: Prediction, record: Excitation, sources: Sources, stand_in: Model | None
+    ) -> np.ndarray:
+        """Standard deviation of the response from the posterior of the parameters alone, shape (time, channel)."""
+        if not self._drifts(sources):
+            return np.asarray(prediction.response.std(axis=0))
+        some = self.theta[:: -(-len(self.theta) // FEW_DRAWS)]
+        without = replace(self, theta=some, drift=None)._responding(record, sources, None, stand_in)
+        return np.asarray(without.response.std(axis=0))
+
+    def _drifts(self, sources: Sources) -> bool:
+        """Whether the parameters of the draws move by the drift that the measured record shows."""
+        return self.drift is not None and not self.posterior.error_model.inside and not sources.here
 
     def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
         """Band scale and peak ratio of an observation, predicted as if its record were another record."""
@@ -211,7 +229,7 @@ class Predictor:
             prediction = self._responding(another, sources, None, instrument=True)
             every = list(range(len(observation.channels)))
             scale = self._band_scale(index, every, prediction, every)
-            _scale(prediction, scale, every, another.dt)
+            _scale(prediction, scale, every, another.dt, prediction.response.std(axis=0))
             ratio = _peak_ratio(observation, prediction, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
             self._measured_again[index] = scale, ratio
         return self._measured_again[index]
@@ -260,7 +278,8 @@ class Predictor:
         """Draws of the response; on another record, instruments' nuisance parameters are used only on request."""
         posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
         observations = posterior.observations
-        if self.drift is not None and not posterior.error_model.inside and not sources.here:
+        if self._drifts(sources):
+            assert self.drift is not None
             theta = self.drift.moved(theta, hidden)
         measured = {index: observations[index].channels for index in sources.indices}
         every = tuple(
@@ -429,13 +448,17 @@ def _largest(histories: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(histories).max(axis=1))
 
 
-def _scale(prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True) -> None:
+def _scale(
+    prediction: Prediction, scale: BandScale, places: list[int], dt: float, own: np.ndarray, response: bool = True
+) -> None:
     """Scale the errors in some channels as on the measured record; `response` also scales the response."""
-    # Parameter uncertainty is a part of the total: it is narrowed with the total, but not widened. A peak is an extreme of the
-    # record, on which a 90 % band of the samples contains little information: histories used for peaks are not narrowed.
+    # The drift of the parameters is a part of the total: it is narrowed with the total, but not widened. Nothing becomes narrower
+    # than the spread `own` of the parameters' posterior: outliers or gaps make errors too large, and tell nothing of it. A peak is
+    # an extreme of the record, on which a 90 % band of the samples contains little information: histories used for peaks are not
+    # narrowed.
     narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
     assert prediction.structural is not None
     scales = [(prediction.observable, scale), (prediction.structural, widened)]
     for draws, scale_of_draws in [*scales, *([(prediction.response, narrowed)] if response else [])]:
         # In place: copies of all histories would need several times their memory.
-        draws[:, :, places] = scale_of_draws.applied(draws[:, :, places], dt)
+        draws[:, :, places] = scale_of_draws.applied(draws[:, :, places], dt, own[:, places])
