@@ -19,7 +19,7 @@ from structid.certification.external.stein_identity import SteinTest
 from structid.certification.monte_carlo_error import MonteCarloError
 
 NAME = "draws_by_values"
-SEEDS = 12
+SEEDS = 6
 DRAWS = 8000
 WIDE = 1e3
 """Bound of the priors in standard deviations, for densities that fall to zero well inside it."""
@@ -33,7 +33,7 @@ HEADS = [
     "undecided",
     "seconds",
 ]
-ATTACKS = 10
+ATTACKS = 5
 """Seeds of each attack, and of each good sample, on the whole of `certify`."""
 REFERENCE = 400_000
 """Draws of the right density, whose moments are the truth."""

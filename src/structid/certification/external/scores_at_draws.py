@@ -1,7 +1,8 @@
 """Scores of a density that is known only at draws: the gradient of its logarithm, from a Kriging surrogate.
 
 A Kriging surrogate k interpolates log q between a few hundred draws. With the weights exp(k)/q, draws of q are draws of exp(k),
-whose scores are exact: an error of the Kriging makes a test by Stein's identity weaker and never wrong.
+whose scores are exact: an error of the Kriging makes a test by Stein's identity weaker, and not wrong. This holds where the weights
+are even enough; a Kriging that extends beyond the draws has few draws with all the weight.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from structid.certification.external.kriged_density import (
 from structid.inference.convergence import weighted_size
 
 INTERPOLATED = 200
-"""Largest number of draws that the Kriging surrogate interpolates."""
+"""Largest number of draws that the Kriging surrogate interpolates; half of the draws if these are fewer."""
 COMPARED = 3000
 """Approximate limit on the number of draws whose scores are computed."""
 BLOCKS = 20
@@ -41,7 +42,7 @@ STEP = 1e-3
 """Step of a difference quotient, in standard deviations."""
 IN_KERNEL = 1000
 """Largest number of draws in the kernel Stein discrepancy."""
-REPLICATES = 2000
+REPLICATES = 10_000
 """Number of bootstrap replicates of a null distribution."""
 
 
@@ -147,10 +148,9 @@ class Scores:
         slope = -np.linalg.solve(covariance, cross)
         values, vectors = np.linalg.eigh(0.5 * (slope + slope.T))
         inverse = (vectors / np.maximum(values, NARROWEST)) @ vectors.T
-        # These are the moments of exp(k). Those of q differ by as much as the draws do without their weights.
+        # The moments of exp(k) are mean + P⁻¹ E[s] and P⁻¹. Those of q differ by as much as the draws do without their weights.
         equal = np.full(len(self.z), 1.0 / len(self.z))
-        mean_of_q = mean + inverse @ mean_score + equal @ self.z - mean
-        return mean_of_q, inverse + covariance_of(self.z, equal) - covariance
+        return equal @ self.z + inverse @ mean_score, inverse + covariance_of(self.z, equal) - covariance
 
     def moment_probability(self, independent: float, rng: np.random.Generator) -> float:
         """Probability, over draws of q, of averages E[s] and E[z sᵀ] + 1 as far from zero as those of the draws."""
@@ -200,7 +200,7 @@ def log_density_of(drawn: DrawnDensity) -> Float[np.ndarray, " draw"]:
 
 def interpolated(drawn: DrawnDensity, rng: np.random.Generator) -> Interpolation:
     """Interpolate the log density between some draws, in the coordinates in which the Kriging predicts best."""
-    rows = drawn.distinct(INTERPOLATED, rng)
+    rows = drawn.distinct(min(INTERPOLATED, len(drawn.phi) // 2), rng)
     phi, values, equal = drawn.phi[rows], log_density_of(drawn)[rows], np.ones(len(rows))
     charts = {
         None: (in_parameters(drawn.bijection, drawn.flat), standardised_by(drawn.phi)),

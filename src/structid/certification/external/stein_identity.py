@@ -32,11 +32,11 @@ from structid.certification.external.scores_at_draws import (
 from structid.certification.limits import Limits
 from structid.certification.monte_carlo_error import MonteCarloError, simultaneous_quantile
 
-LEAST_SHARE = 0.05
+LEAST_SHARE = 0.5
 """Share of the draws that the weights must leave effective for a decision."""
 NOTHING = 10.0
 """Largest difference that is reported as a number."""
-RARE = 0.002
+RARE = 0.0005
 """Probability of what was observed, over draws of q, below which the draws are refused."""
 LACKING = "The draws lack a part of q, or their chain has not converged"
 UNDECIDED = "the values of the given density at the draws cannot decide whether the draws follow it (Stein's identity)"
@@ -122,7 +122,12 @@ class SteinTest:
 
     def doubts(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
         """Explain why the draws do not follow their density, or why this cannot be decided; empty otherwise."""
-        certain = self._worst(limits, -1.0)
+        if self.effective_share < LEAST_SHARE:
+            return (
+                f"{UNDECIDED}: a surrogate of log q, which gives its gradient, agrees with it at only "
+                f"{self.effective_share:.1%} of the draws. Give the density as a function",
+            )
+        certain, possible = self._worst(limits, -1.0), self._worst(limits, 1.0)
         if certain.times > 1.0 and self.moment_probability < RARE:
             return (
                 "these are not draws of the given density q: by its gradient at the draws (Stein's identity), "
@@ -131,16 +136,10 @@ class SteinTest:
         if self.kernel_probability < RARE:
             return (
                 "these are not draws of the given density q: draws of q have such a kernel Stein discrepancy with a "
-                f"probability of less than {RARE:.1%}. {LACKING}",
+                f"probability of less than {RARE:.2%}. {LACKING}",
             )
-        possible = self._worst(limits, 1.0)
         if possible.times > 1.0:
             return (f"{UNDECIDED}: {possible.finding(names, 'may be')}. Give the density as a function, or more draws",)
-        if self.effective_share < LEAST_SHARE:
-            return (
-                f"{UNDECIDED}: a surrogate of log q agrees with it at only {self.effective_share:.1%} of the draws. Give the "
-                "density as a function",
-            )
         return ()
 
     def _worst(self, limits: Limits, errors: float) -> _Finding:
