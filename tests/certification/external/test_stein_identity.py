@@ -8,7 +8,7 @@ import scipy.stats
 import structid as si
 from structid.certification.external.draws_without_density import ValuesAtDraws
 from structid.certification.external.scores_at_draws import Scores, _blocks_of, _stein_kernel
-from structid.certification.external.stein_identity import SteinTest
+from structid.certification.external.stein_identity import Deviation, SteinTest
 from structid.certification.monte_carlo_error import MonteCarloError
 
 pytestmark = pytest.mark.quick
@@ -127,3 +127,29 @@ def test_good_draws_of_a_bent_density_raise_no_doubt():
     draws = np.stack([along, rng.normal(along**2, 0.5)], axis=1)
     bent = examined(lambda x: -0.5 * x[..., 0] ** 2 - 2.0 * (x[..., 1] - x[..., 0] ** 2) ** 2, draws)
     assert bent[0].doubts(si.Limits(), bent[2]) == ()
+
+
+def test_differences_that_overflow_leave_the_draws_undecided():
+    small, unknown = np.zeros(2), np.full(2, np.nan)
+    test = SteinTest(
+        Deviation(unknown, small, np.zeros((2, 2))),
+        Deviation(unknown, small, np.zeros((2, 2))),
+        0.0,
+        0.0,
+        moment_probability=1e-4,
+        kernel_probability=0.5,
+        effective_share=1.0,
+    )
+    (doubt,) = test.doubts(si.Limits(), ("a", "b"))
+    assert "cannot decide" in doubt and "the mean of a may be wrong by more than 10" in doubt
+
+
+def test_a_surrogate_that_leaves_few_draws_decides_nothing():
+    test = SteinTest(*2 * (Deviation(np.ones(1), np.ones(1), np.zeros((1, 1))),), 1.0, 1.0, 1e-4, 1e-4, 0.1)
+    (doubt,) = test.doubts(si.Limits(), ("a",))
+    assert "cannot decide" in doubt and "at only 10.0% of the draws" in doubt
+
+
+def test_fewer_draws_than_the_surrogate_takes_are_divided():
+    test, _, names = examined(lambda x: -0.5 * (x**2).sum(axis=-1), np.random.default_rng(6).normal(size=(120, 2)))
+    assert "cannot decide" in "".join(test.doubts(si.Limits(mean=0.001), names))

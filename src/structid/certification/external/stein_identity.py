@@ -131,7 +131,7 @@ class SteinTest:
         if certain.times > 1.0 and self.moment_probability < RARE:
             return (
                 "these are not draws of the given density q: by its gradient at the draws (Stein's identity), "
-                f"{certain.finding(names, 'is')}. {LACKING}",
+                f"{certain.finding(names, 'is wrong by at least')}. {LACKING}",
             )
         if self.kernel_probability < RARE:
             return (
@@ -139,7 +139,9 @@ class SteinTest:
                 f"probability of less than {RARE:.2%}. {LACKING}",
             )
         if possible.times > 1.0:
-            return (f"{UNDECIDED}: {possible.finding(names, 'may be')}. Give the density as a function, or more draws",)
+            return (
+                f"{UNDECIDED}: {possible.finding(names, 'may be wrong by')}. Give the density as a function, or more draws",
+            )
         return ()
 
     def _worst(self, limits: Limits, errors: float) -> _Finding:
@@ -153,7 +155,8 @@ class SteinTest:
             (limits.mean, limits.sd, limits.correlation),
             strict=True,
         ):
-            size = np.abs(deviation) + errors * error
+            # A difference that overflows may have any size, and proves nothing.
+            size = np.nan_to_num(np.abs(deviation) + errors * error, nan=np.inf if errors > 0.0 else 0.0, posinf=np.inf)
             place = np.unravel_index(int(np.argmax(size)), size.shape)
             found.append(_Finding(word, unit, float(size[place]), limit, tuple(map(int, place))))
         return max(found, key=lambda finding: finding.times)
@@ -178,7 +181,7 @@ class _Finding:
         """The difference in words."""
         whose = " and ".join(names[place] for place in self.place)
         size = f"{self.size:.2g}" if self.size < NOTHING else f"more than {NOTHING:g}"
-        return f"the {self.word} of {whose} {verb} wrong by {size}{self.unit}; the limit is {self.limit:g}"
+        return f"the {self.word} of {whose} {verb} {size}{self.unit}; the limit is {self.limit:g}"
 
 
 def _compared(drawn: DrawnDensity, coordinates: Coordinates, z: np.ndarray) -> np.ndarray:
