@@ -56,6 +56,8 @@ class KrigingFactors:
         solved_trend, trend_covariance, coefficients, weights = generalised_least_squares(data, cholesky)
         inverse = inverse_of(cholesky)
         precision = np.diag(inverse) - np.einsum("ij,jk,ik->i", solved_trend, trend_covariance, solved_trend)
+        # Round-off can make it negative where the trend explains a run alone.
+        precision = np.maximum(precision, np.finfo(np.float64).eps * np.diag(inverse))
         error = data.outputs - data.trend @ coefficients
         return cls(
             cholesky,
