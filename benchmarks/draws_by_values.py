@@ -100,8 +100,8 @@ def ridge(theta: np.ndarray) -> np.ndarray:
     return np.asarray(-((1.0 - theta[..., 0]) ** 2) - 100.0 * (theta[..., 1] - theta[..., 0] ** 2) ** 2)
 
 
-def of_the_exponential(rng: np.random.Generator) -> np.ndarray:
-    return -1.0 - 0.5 * np.log1p(-rng.random((DRAWS, 3)) * (1.0 - np.exp(-4.0)))
+def of_the_exponential(rng: np.random.Generator, draws: int = DRAWS) -> np.ndarray:
+    return -1.0 - 0.5 * np.log1p(-rng.random((draws, 3)) * (1.0 - np.exp(-4.0)))
 
 
 def of_the_ridge(rng: np.random.Generator) -> np.ndarray:
@@ -364,9 +364,7 @@ def good_draws() -> dict[str, Attack]:
             normal, lambda rng, n: rng.standard_normal((n, 4)), autoregressive(4, 60 * TAU), 4
         ),
         "gamma density": Attack(gamma_density, lambda rng, n: rng.gamma(3.0, size=(n, 3)), None, 3),
-        "exponential, largest at a prior bound": Attack(
-            exponential, lambda rng, n: -1.0 - 0.5 * np.log1p(-rng.random((n, 3)) * (1.0 - np.exp(-4.0))), None, 3, 1.0
-        ),
+        "exponential, largest at a prior bound": Attack(exponential, of_the_exponential, None, 3, 1.0),
         "bent density": Attack(bent, along_the_bend, None, 2),
     }
 

@@ -269,7 +269,8 @@ class Certificate(ShownAsText):
     def _weights_clause(self) -> str:
         bound = self.variation.bound
         at_most = "at most" if bound < NOTHING else "perhaps"
-        sentence = f"the weights have a coefficient of variation of {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
+        estimate, most = number_in_words(self.variation.estimate), number_in_words(bound)
+        sentence = f"the weights have a coefficient of variation of {estimate}, {at_most} {most}"
         if self.correction is None:
             return f"{sentence} (limit {self.limits.mean:g})"
         return (
@@ -390,13 +391,13 @@ def _what_varies(
     reasons = []
     furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
     because = (
-        f"the weights' coefficient of variation may be {_number(variation.bound)}, so that the mean of {names[furthest]} "
+        f"the weights' coefficient of variation may be {number_in_words(variation.bound)}, so that the mean of {names[furthest]} "
         if correction is None
         else f"according to the model runs, {correction.said_of(furthest, names[furthest])}, and "
     )
     if not mean_off[furthest] <= limits.mean:
         reasons.append(
-            f"{because}may be wrong by {_number(mean_off[furthest])} standard deviations; the limit is {limits.mean:g}"
+            f"{because}may be wrong by {number_in_words(mean_off[furthest])} standard deviations; the limit is {limits.mean:g}"
         )
     if not sd_off[widest] <= limits.sd:
         reasons.append(
@@ -441,7 +442,8 @@ def _plain(figures: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> str:
+def number_in_words(value: float) -> str:
+    """A bound or a difference, unless it is too large to mean anything."""
     return f"{value:.2g}" if value < NOTHING else f"more than {NOTHING:g}"
 
 

@@ -378,10 +378,10 @@ def choose_among(
 
 def _draws_of(candidate: LawCandidate, compared: LawComparison, draws: Path | None) -> Path | None:
     """Return the file for the draws of a candidate, if there is one for those of the chosen law."""
-    return draws if draws is None or candidate is compared.chosen else _beside(draws, candidate.law.word)
+    return draws if draws is None or candidate is compared.chosen else _file_of_draws(draws, candidate.law.word)
 
 
-def _beside(draws: Path, words: str) -> Path:
+def _file_of_draws(draws: Path, words: str) -> Path:
     """Return the file for other draws beside those of the chosen law."""
     return draws.with_name(f"{draws.stem}_{'_'.join(re.findall('[a-z0-9]+', words))}{draws.suffix}")
 
@@ -411,7 +411,11 @@ def _with_posterior_draws(
             sampled[TO_ALL] = converged[of_whole].flat[:, : len(of_whole.fitted)]
         if law.word in missed and weight > LITTLE_WEIGHT:
             log.info("Sampling the posterior of the %s for the first part.", of_first.law.title)
-            store = None if draws is None else _beside(draws, f"first {law.word} {of_first.errors.describe()['kind']}")
+            store = (
+                None
+                if draws is None
+                else _file_of_draws(draws, f"first {law.word} {of_first.errors.describe()['kind']}")
+            )
             sampled[TO_FIRST_PART] = of_first.sampled(seed, store, RUNS_FOR_FIRST).flat[:, : len(of_first.fitted)]
         found.append(dataclasses.replace(law, sampled=sampled) if sampled else law)
     return found

@@ -52,8 +52,7 @@ class ValuesAtDraws(DrawnDensity):
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density of the interpolation where it is certain, and of a density fitted to the draws elsewhere."""
-        log_fitted = of_fitted(self.fitted, self, self.flat)
-        found = of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - log_fitted))
+        found = of_fitted(self.fitted, self, theta) + self._above_fitted
         inside = np.isfinite(found)
         if inside.any():
             phi = self.bijection.inverse(theta[inside])
@@ -62,6 +61,11 @@ class ValuesAtDraws(DrawnDensity):
             certain = (deviation < CERTAIN) & (mean <= self.highest)
             found[inside] = np.where(certain, mean, found[inside])
         return found
+
+    @cached_property
+    def _above_fitted(self) -> float:
+        """Median of the given minus the fitted log density at the draws, which are known up to a constant."""
+        return float(np.median(self.at_draws - of_fitted(self.fitted, self, self.flat)))
 
     def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
         """Draws alone; see `DrawnDensity.chosen`."""

@@ -1,11 +1,11 @@
 """Search for modes that external draws have missed, by model runs.
 
 Draws contain no information about regions without draws. A Kriging surrogate of the log density, fitted to all known runs,
-predicts where it could be high. Parameters with the same prior may be exchangeable: the first runs exchange them in the best
-draw. The surrogate is uncertain far from the runs. If all runs are at draws, they lie close together,
+predicts where it could be high. The surrogate is uncertain far from the runs. If all runs are at draws, they lie close together,
 and their extrapolated trend makes the surrogate overconfident everywhere. Without other runs, the search therefore begins at
-draws of the prior. The model is then run at the points most likely to have a relevant density. If a run finds a relevant density
-there, no certificate is issued. A mode may still be missed.
+draws of the prior. The model is then run at the points most likely to have a relevant density. Parameters with the same prior may
+be exchangeable: the first runs exchange two of them in the best draw. If a run finds a relevant density, no certificate is
+issued. A mode may still be missed.
 """
 
 from __future__ import annotations

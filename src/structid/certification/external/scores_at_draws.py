@@ -239,8 +239,7 @@ def _stein_kernel(z: np.ndarray, scores: np.ndarray) -> np.ndarray:
 
 def covariance_of(z: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Covariance of weighted draws."""
-    about = z - weights @ z
-    return np.asarray((weights[:, None] * about).T @ about)
+    return np.atleast_2d(np.cov(z.T, aweights=weights, bias=True))
 
 
 def power_of(matrix: np.ndarray, exponent: float) -> np.ndarray:

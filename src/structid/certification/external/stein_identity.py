@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from structid.certification.certificate import number_in_words
 from structid.certification.external.drawn_density import DrawnDensity
 from structid.certification.external.scores_at_draws import (
     COMPARED,
@@ -34,8 +35,6 @@ from structid.certification.monte_carlo_error import MonteCarloError, simultaneo
 
 LEAST_SHARE = 0.5
 """Share of the draws that the weights must leave effective for a decision."""
-NOTHING = 10.0
-"""Largest difference that is reported as a number."""
 RARE = 0.0005
 """Probability of what was observed, over draws of q, below which the draws are refused."""
 LACKING = "The draws lack a part of q, or their chain has not converged"
@@ -180,8 +179,7 @@ class _Finding:
     def finding(self, names: tuple[str, ...], verb: str) -> str:
         """The difference in words."""
         whose = " and ".join(names[place] for place in self.place)
-        size = f"{self.size:.2g}" if self.size < NOTHING else f"more than {NOTHING:g}"
-        return f"the {self.word} of {whose} {verb} {size}{self.unit}; the limit is {self.limit:g}"
+        return f"the {self.word} of {whose} {verb} {number_in_words(self.size)}{self.unit}; the limit is {self.limit:g}"
 
 
 def _compared(drawn: DrawnDensity, coordinates: Coordinates, z: np.ndarray) -> np.ndarray:

@@ -123,19 +123,19 @@ def thin_modes(
     """
     explored = _Known(target, particles, log_density)
     modes: list[Mode] = []
+    thin: list[Mode] = []
     density = explored.density(scouts)
     densest = scouts[np.argsort(-np.nan_to_num(density, nan=-np.inf), kind="stable")[:SEARCHES]]
     for start in (*(centre for centre, _ in explored.centres), *densest):
-        if any(mode.covers(start[None])[0] for mode in modes):
+        if any(known.covers(start[None])[0] for known in modes):
             continue
-        modes.append(_climbed(explored, start))
-    found: list[Mode] = []
-    for mode in modes:
+        mode = _climbed(explored, start)
         share = max(float(np.mean(mode.covers(particles))), 1.0 / len(particles))
-        again = any(other.covers(mode.middle[None])[0] for other in found)
+        again = any(known.covers(mode.middle[None])[0] for known in thin)
         if mode.log_mass - log_evidence > np.log(THIN * share) and not again:
-            found.append(mode)
-    return found
+            thin.append(mode)
+        modes.append(mode)
+    return thin
 
 
 def all_modes(
