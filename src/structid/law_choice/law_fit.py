@@ -166,7 +166,7 @@ class LawFit:
 
     def forces(
         self, parameters: Float[np.ndarray, "draw parameter"], along: CyclicTest
-    ) -> Float[np.ndarray, "draw time"]:
+    ) -> Float[np.ndarray, "run time"]:
         """Return forces of parameters under the displacements of a cyclic test, without runs that fail [N]."""
         runs = in_finer_steps(self.model, 4).simulate(parameters, along.path)
         return np.asarray(runs.values[runs.done][:, along.rows, 0])
