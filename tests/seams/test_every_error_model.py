@@ -1,6 +1,7 @@
-"""What every law of ε keeps: one covariance behind its likelihood, its whitening and its draws.
+"""What every law of ε keeps: one covariance, or one density, behind its likelihood, its whitening and its draws.
 
-A new law goes into `LAWS`, with its covariance as the literature writes it.
+A new law of normal errors of constant size goes into `LAWS`, with its covariance as the literature writes it; another law goes into
+`OTHERS`.
 """
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.stats
 
 import structid as si
 from package import concrete_subclasses
-from structid.inference.error_models.base import Discrepancy
+from structid.inference.error_models.base import Discrepancy, ResidualSample
 
 DT, SAMPLES, RUNS = 0.05, 120, 3
 CHANNELS, UNITS = ("velocity",), ("m/s",)
@@ -40,8 +41,18 @@ LAWS = {
 }
 
 
+# Not normal, or of a size that depends on the response.
+OTHERS = {
+    "Student": si.Student(variance=VARIANCE, degrees_of_freedom=4.0),
+    "Proportional": si.Proportional(variance=VARIANCE, share=0.3),
+    "Quantised": si.Quantised(variance=VARIANCE, resolution=2.0),
+}
+
+
 def test_no_law_is_forgotten():
-    assert {type(law) for law, *_ in LAWS.values()} == concrete_subclasses(Discrepancy)
+    assert {type(law) for law in (*(law for law, *_ in LAWS.values()), *OTHERS.values())} == concrete_subclasses(
+        Discrepancy
+    )
 
 
 @pytest.fixture(scope="module")
@@ -152,4 +163,100 @@ class TestEveryDiscrepancy:
         law, both = LAWS[name][0], np.concatenate([residual, 0.5 * residual], axis=1)
         alone = sum(np.asarray(law.log_likelihood(r, {}, CHANNELS, DT)) for r in (residual, 0.5 * residual))
         together = law.log_likelihood(both, {}, ("velocity", "displacement"), DT)
+        np.testing.assert_allclose(together, alone, rtol=1e-10)
+
+
+STEP, AT = 2.0, 3.7
+CELLS = STEP * np.arange(-400, 401) - AT
+"""Residuals of values on a grid, of a response of `AT`."""
+
+
+def probabilities(law):
+    """Probability of the cell around each of `CELLS`: of the rounded value itself, or the integral of the density."""
+    within = [0.0] if isinstance(law, si.Quantised) else (np.arange(100) + 0.5) / 100 * STEP - 0.5 * STEP
+    residual = np.add.outer(np.asarray(within), CELLS)[:, :, None]
+    density = np.exp(law.pointwise(residual, {}, CHANNELS * len(CELLS), DT, **law.seeing(np.full_like(residual, AT))))
+    return STEP * density.mean(axis=0)[:, 0]
+
+
+def with_variance(law, factor):
+    """The same error model with another variance."""
+    given = {key: value for key, value in law.describe().items() if key != "kind"}
+    return type(law)(**given | {"variance": factor * VARIANCE})
+
+
+@pytest.mark.parametrize("name", OTHERS)
+class TestErrorsOfAnotherDensity:
+    def test_the_density_is_one(self, name):
+        assert probabilities(OTHERS[name]).sum() == pytest.approx(1.0, abs=1e-7)
+
+    def test_draws_have_the_density(self, name):
+        """By their frequencies in cells; those of a law with a quarter more variance differ."""
+        mass = probabilities(OTHERS[name])
+        frequent = mass > 1e-3
+        for factor, passes in ((1.0, True), (1.25, False)):
+            law, shape = with_variance(OTHERS[name], factor), (20_000, 1, 1)
+            draws = law.draw(np.random.default_rng(5), shape, {}, CHANNELS, DT, **law.seeing(np.full(shape, AT)))
+            cells = np.round((draws.ravel() + AT) / STEP).astype(int) + 400
+            counts = np.bincount(np.clip(cells, 0, 800), minlength=801)
+            counts = np.append(counts[frequent], counts[~frequent].sum())
+            shares = np.append(mass[frequent], 1.0 - mass[frequent].sum())
+            pvalue = scipy.stats.chisquare(
+                counts[shares > 1e-3], shares[shares > 1e-3] * len(cells), sum_check=False
+            ).pvalue
+            assert (pvalue > 1e-3) == passes, pvalue
+
+    def test_normal_scores_of_draws_are_normal(self, name):
+        """Whitened draws of Student's t are not."""
+        law, shape = OTHERS[name], (300, SAMPLES, 1)
+        at = np.random.default_rng(6).normal(size=shape)
+        draws = law.draw(np.random.default_rng(7), shape, {}, CHANNELS, DT, **law.seeing(at)).transpose(1, 2, 0)
+        seen = law.seeing(at.transpose(1, 2, 0))
+        scores = np.asarray(law.normal_scores(draws, {}, CHANNELS, DT, **seen)).ravel()
+        assert scipy.stats.kstest(scores, "norm").pvalue > 1e-3
+        assert abs(scores.mean()) < 4.5 / np.sqrt(scores.size) and abs(scores.std() - 1.0) < 0.02
+        if name == "Student":
+            assert scipy.stats.kstest(np.asarray(law.whiten(draws, {}, CHANNELS, DT)).ravel(), "norm").pvalue < 1e-3
+
+    def test_the_fold_is_the_likelihood(self, name, residual):
+        """Sample by sample inside JAX, with and without missing values."""
+        law, response = OTHERS[name], 5.0 * residual + 1.0
+        whole = law.log_likelihood(residual, {}, CHANNELS, DT, **law.seeing(response))
+        pointwise = np.asarray(law.pointwise(residual, {}, CHANNELS, DT, **law.seeing(response)))
+        np.testing.assert_allclose(pointwise.sum(axis=(0, 1)), whole, rtol=1e-12)
+        fold = law.fold({}, CHANNELS, RUNS, DT, SAMPLES)
+        np.testing.assert_allclose(fold.of(ResidualSample(residual, None, response)), whole, rtol=1e-9)
+        known = np.random.default_rng(8).random((SAMPLES, 1)) < 0.7
+        some = law.log_likelihood(residual, {}, CHANNELS, DT, is_measured=known, **law.seeing(response))
+        np.testing.assert_allclose(some, pointwise[known[:, 0]].sum(axis=(0, 1)), rtol=1e-12)
+        folded = fold.of(ResidualSample(residual, known[:, :, None], response))
+        np.testing.assert_allclose(folded, some, rtol=1e-9)
+
+    def test_further_white_variance_adds_to_the_variance(self, name, residual):
+        law, seen = OTHERS[name], OTHERS[name].seeing(residual)
+        found = law.log_likelihood(residual, {}, CHANNELS, DT, white=np.full((1, RUNS), 0.5 * VARIANCE), **seen)
+        expected = with_variance(law, 1.5).log_likelihood(residual, {}, CHANNELS, DT, **seen)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+    def test_what_is_unknown_has_a_prior_and_is_used(self, name, residual):
+        rounded = np.round(residual / STEP) * STEP
+        unknown = type(OTHERS[name])().bound_to(rounded[:, :, 0], CHANNELS)
+        priors = unknown.parameters(rounded[:, :, 0], CHANNELS, DT, UNITS)
+        values = {n: np.full(RUNS, float(prior.quantile(np.array(0.3)))) for n, prior in priors.items()}
+        given = {{"sigma2": "variance"}.get(n, n): float(v[0]) for n, v in values.items()}
+        fixed = type(unknown)(**given, **({"resolution": STEP} if name == "Quantised" else {}))
+        assert "variance" in given and fixed.parameters(rounded[:, :, 0], CHANNELS, DT, UNITS) == {}
+        assert fixed.describe() != unknown.describe() and unknown.describe()["kind"] == fixed.describe()["kind"]
+        seen = unknown.seeing(residual)
+        np.testing.assert_allclose(
+            unknown.log_likelihood(rounded, values, CHANNELS, DT, **seen),
+            fixed.log_likelihood(rounded, {}, CHANNELS, DT, **seen),
+            rtol=1e-9,
+        )
+
+    def test_channels_are_independent(self, name, residual):
+        law, parts = OTHERS[name], (residual, 0.5 * residual)
+        alone = sum(np.asarray(law.log_likelihood(r, {}, CHANNELS, DT, **law.seeing(r))) for r in parts)
+        both = np.concatenate(parts, axis=1)
+        together = law.log_likelihood(both, {}, ("velocity", "displacement"), DT, **law.seeing(both))
         np.testing.assert_allclose(together, alone, rtol=1e-10)

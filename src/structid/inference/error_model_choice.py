@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,12 @@ from structid.core.progress import Progress
 from structid.core.renamed import renamed_argument, renamed_attribute
 from structid.core.streams import Purpose, derived_seed
 from structid.core.validation import check_arguments
+from structid.inference.diagnostics.residuals import WhitenedResidual
 from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.drifting import Drifting
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1, DampedCosine
+from structid.inference.error_models.uncorrelated import Proportional, Quantised, Student, grid_step
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.inference.sample import sample
@@ -39,13 +41,47 @@ CHOICE_SAMPLER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, 
 ERRORS_APART = 2.0
 """An error model is preferred to a simpler one if its log evidence is larger by more than this many combined standard errors."""
 
+LARGEST_ERROR = 2.0
+"""Standard error of a log evidence [nat] above which error models that cannot be told apart are sampled again, more finely."""
+
 _log = logging.getLogger(__name__)
 
 
+COARSE = 1.5
+"""Step of rounded values, relative to the sd of the residuals, above which rounding deserves its own error model. With a finer
+step, the errors before the rounding make those after it independent."""
+
+
 def usual_error_models(model: Model) -> tuple[ErrorModel, ...]:
-    """List the error models to try, the simplest first."""
+    """List the error models that are tried for residuals that are not white, the simplest first."""
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
+
+
+def error_models_for(result: SamplingResult) -> tuple[ErrorModel, ...]:
+    """List the error models without correlation that the residuals of independent normal errors call for."""
+    residuals = result.residuals
+    suggested: list[ErrorModel] = []
+    if any(residual.may_be_heavy_tailed for residual in residuals):
+        suggested.append(Student())
+    if any(residual.may_be_uneven for residual in residuals):
+        suggested.append(Proportional())
+    if residuals and _coarsely_rounded(_posterior(result).observations, residuals):
+        suggested.append(Quantised())
+    return tuple(suggested)
+
+
+def _coarsely_rounded(observations: Sequence[Observation], residuals: Sequence[WhitenedResidual]) -> bool:
+    """Whether all values are rounded, and some to a step that is not small beside the residuals."""
+    relative = []
+    for residual in residuals:
+        observation = observations[residual.observation]
+        values = observation.values[:, observation.channels.index(residual.channel)]
+        step = grid_step(values) if observation.sd is None else None
+        if step is None or residual.response is None:
+            return False
+        relative.append(step / max(float(np.nanstd(values - residual.response)), np.finfo(float).tiny))
+    return max(relative) > COARSE
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +115,22 @@ class ErrorModelChoice(ShownAsText):
         return tuple(_evidence(r) for r in self.results)
 
     @property
-    def chosen(self) -> int:
-        """Index of the simplest error model whose log evidence equals the largest within the standard errors."""
+    def contenders(self) -> list[int]:
+        """Indices of the error models whose log evidence equals the largest within the standard errors, the simplest first."""
         allowed = {
             index: e
             for index, e in enumerate(self.evidences)
             if not (self.added_only and _posterior(self.results[index]).error_model.inside)
         }
         best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
-        return next(
+        return [
             index for index, e in allowed.items() if (best - e).value <= ERRORS_APART * (best - e).error or e is best
-        )
+        ]
+
+    @property
+    def chosen(self) -> int:
+        """Index of the simplest error model whose log evidence equals the largest within the standard errors."""
+        return self.contenders[0]
 
     @property
     def result(self) -> SamplingResult:
@@ -118,6 +159,8 @@ class ErrorModelChoice(ShownAsText):
     @property
     def said(self) -> str:
         """Sentence on the choice and its margin."""
+        if len(self.results) == 1:
+            return f"The data choose {self.error_models[0]}: the residuals give no reason to try another error model."
         return f"The data choose {self.error_models[self.chosen]}{self._margin}."
 
     @property
@@ -170,7 +213,9 @@ def choose_error_model(
     observations : Observation or sequence of Observation
         The measurements.
     error_models : sequence of ErrorModel, optional
-        The error models to choose among, the simplest first; by default `usual_error_models`.
+        The error models to choose among, the simplest first. By default the residuals of independent normal errors decide: heavy
+        tails call for `Student`, errors that grow with the response for `Proportional`, coarsely rounded values for `Quantised`.
+        Unless the residuals under the best of these are white, AR(1) and damped cosine errors and drifting parameters are tried.
     sampler : SMC
         Sampler of the posterior under each error model.
     seed : int
@@ -214,30 +259,62 @@ def choose_among(
     """Choose the error model of a posterior; see `choose_error_model`."""
     if error_models is not None and not error_models:
         raise InputError("choose_error_model(error_models)", "no error model", "one or more")
-    under = [
-        posterior.on(error_model=error_model)
-        for error_model in (usual_error_models(posterior.model) if error_models is None else error_models)
-    ]
-    if error_models is None:  # without compiled vector code, a drifting model takes minutes
-        under = [each for each in under if each.in_lanes or not each.error_model.inside]
-    results, folder = [], None if store is None else Path(store)
+    folder = None if store is None else Path(store)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    for index, of in enumerate(under):
-        kept = None if folder is None else folder / f"law_{index + 1}.h5"
+    usual = usual_error_models(posterior.model)
+    most = len(usual) + 2 if error_models is None else len(error_models)
+    results: list[SamplingResult] = []
 
-        def report(done: int, total: int, index: int = index) -> None:
-            if progress is not None:
-                progress(int(100 * (index + done / total) / len(under)), 100)
+    def sample_under(error_models: Iterable[ErrorModel]) -> None:
+        for error_model in error_models:
+            of, index = posterior.on(error_model=error_model), len(results)
+            if error_model.inside and not of.in_lanes and usual_only:
+                continue  # without compiled vector code, a drifting model takes minutes
+            kept = None if folder is None else folder / f"law_{index + 1}.h5"
 
-        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=report))
+            def report(done: int, total: int, index: int = index) -> None:
+                if progress is not None:
+                    progress(min(int(100 * (index + done / total) / most), 100), 100)
+
+            results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=report))
+
+    usual_only = error_models is None
+    if error_models is not None:
+        sample_under(error_models)
+    else:
+        sample_under(usual[:1])
+        sample_under(error_models_for(results[0]))
+        if not _leaves_white_residuals(max(results, key=lambda r: np.nan_to_num(_evidence(r).value, nan=-np.inf))):
+            sample_under(usual[1:])
     if not any(np.isfinite(_evidence(r).value) for r in results):
         raise ConvergenceError(
             "No error model has a finite log evidence: all simulations of prior draws fail. Check the priors."
         )
-    choice = ErrorModelChoice(tuple(results))
+    choice = _told_apart(ErrorModelChoice(tuple(results)), sampler, seed, folder)
+    if progress is not None:
+        progress(100, 100)
     _log.info("%s", choice.said)
     return choice
+
+
+def _told_apart(choice: ErrorModelChoice, sampler: SMC, seed: int, folder: Path | None) -> ErrorModelChoice:
+    """Sample error models again, more finely, if only the errors of their evidences keep them from being told apart."""
+    contenders = choice.contenders
+    if len(contenders) == 1 or max(choice.evidences[index].error for index in contenders) <= LARGEST_ERROR:
+        return choice
+    # Data that determine the parameters to 1e-5 of their prior need many small steps from the prior to the posterior.
+    finer = replace(sampler, particles=2 * sampler.particles, effective_share=0.8, correlation=0.1)
+    results = list(choice.results)
+    for index in contenders:
+        kept = None if folder is None else folder / f"law_{index + 1}_finer.h5"
+        results[index] = sample(_posterior(results[index]), finer, derived_seed(seed, Purpose.LAW_CHOICE, index), kept)
+    return replace(choice, results=tuple(results))
+
+
+def _leaves_white_residuals(result: SamplingResult) -> bool:
+    """Whether nothing in the residuals calls for an error model that is correlated in time."""
+    return bool(result.residuals) and all(residual.is_white for residual in result.residuals)
 
 
 def _posterior(result: SamplingResult) -> Posterior:

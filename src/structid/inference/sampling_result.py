@@ -237,7 +237,7 @@ class SamplingResult(ShownAsText):
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
             return None
-        if not any(residual.correlated for residual in self.residuals):
+        if all(residual.as_assumed for residual in self.residuals):
             return RobustSpread(self.sd, np.zeros(len(self.names)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # the verdict reports draws outside a surrogate's range

@@ -133,9 +133,5 @@ def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
 def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
     rng = stream(seed, purpose, index)
     response = posterior.predict(theta, index)
-    unknown = posterior.unknowns(theta, index)
-    observation = posterior.observations[index]
-    dt = observation.step
-    sd = 1.0 if observation.sd is None else observation.sd
-    errors = posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)
-    return np.asarray(response + sd * errors)
+    bound, step = posterior.likelihood.of[index], posterior.observations[index].step
+    return np.asarray(response + bound.draw_errors(rng, response, posterior.unknowns(theta, index), step))

@@ -61,8 +61,8 @@ def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]
 
     def whitened(moved: Any, bound: ObservationLikelihood) -> Any:
         response, _ = bound.response(moved, bound.measured)
-        unknown = jax.lax.stop_gradient(bound.unknowns(point))
-        return bound.whiten(bound.shown(response, moved), unknown)
+        shown, unknown = bound.shown(response, moved), jax.lax.stop_gradient(bound.unknowns(point))
+        return bound.whiten(shown, unknown, jax.lax.stop_gradient(shown))
 
     def sensitivity(bound: ObservationLikelihood) -> np.ndarray:
         def along(direction: Any) -> Any:

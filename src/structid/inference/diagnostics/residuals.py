@@ -1,4 +1,4 @@
-"""Whitened residuals of a fit, a test of their whiteness, and warnings if they are correlated."""
+"""Whitened residuals of a fit, tests of their whiteness, tails and size, and warnings if the error model does not describe them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,26 @@ FEWEST_PAIRS = 100
 """Number of pairs of measured values below which an autocorrelation is shrunk towards 0."""
 UNEVEN = 3.0
 """Ratio of a spectral peak to white noise above which it is reported; peaks of white noise reach 2.4."""
+LARGEST_KURTOSIS = 2.0
+"""Excess kurtosis of a residual's normal scores above which its tails are considered heavy: that of Student's t with ν = 7."""
+MOST_GROWTH = 1.5
+"""Ratio of the residual's variance at large and at small responses above which its size is considered uneven."""
+LARGE, SMALL = 0.75, 0.5
+"""Quantiles of the absolute response above which it is large, and below which it is small."""
+SURE, LIKELY = 5.0, 3.0
+"""Standard deviations, under the error model, of a statistic that contradicts it, and of one that gives a reason to try another."""
+WHITE_PROBABILITY = 0.05
+"""Probability with which white noise is not accepted as white."""
 MUCH_WIDER = 1.5
 """Ratio of the robust to the posterior standard deviation above which a warning is given."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
-    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ the covariance of ε: independent N(0, 1) if model and error model hold."""
+    """Residual of one channel, mapped to values that are independent and N(0, 1) if model and error model hold.
+
+    For normal errors they are L⁻¹ (y − M(θ)), with L Lᵀ the covariance of ε.
+    """
 
     channel: str  # measured channel
     record: str  # name of the record
@@ -40,6 +53,7 @@ class WhitenedResidual:
     known: Bool[np.ndarray, " time"] | None = field(
         default=None, repr=False
     )  # mask of the measured values; None for all
+    response: Float[np.ndarray, " time"] | None = field(default=None, repr=False)  # the model's readings, in SI
 
     @cached_property
     def _all_known(self) -> bool:
@@ -88,21 +102,93 @@ class WhitenedResidual:
 
     @property
     def correlated(self) -> bool:
-        """Whether the error model fails to describe the residual."""
+        """Whether the values are correlated in time, against the error model."""
         return abs(self.largest[0]) > self.bound
+
+    @cached_property
+    def _known_values(self) -> Float[np.ndarray, " value"]:
+        return self.values if self.known is None else self.values[self.known]
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the cumulative periodogram is that of white noise (M. S. Bartlett 1955; Kolmogorov's test)."""
+        power = np.abs(np.fft.rfft(self.values - self._known_values.mean())[1:-1]) ** 2
+        if self.correlated or not power.any():
+            return False
+        cumulated = np.cumsum(power) / power.sum()
+        farthest = np.abs(cumulated - np.arange(1, len(power) + 1) / len(power)).max()
+        return bool(scipy.stats.kstwobign.sf(farthest * np.sqrt(len(power))) > WHITE_PROBABILITY)
+
+    @cached_property
+    def excess_kurtosis(self) -> float:
+        """Excess kurtosis, 0 for a normal distribution."""
+        return float(scipy.stats.kurtosis(self._known_values)) if self._known_values.any() else 0.0
+
+    def _tails_beyond(self, errors: float) -> bool:
+        return bool(self.excess_kurtosis > errors * np.sqrt(24.0 / len(self._known_values)))
+
+    @property
+    def heavy_tailed(self) -> bool:
+        """Whether large values are more frequent than those of the error model."""
+        return self.excess_kurtosis > LARGEST_KURTOSIS and self._tails_beyond(SURE)
+
+    @cached_property
+    def _growing(self) -> tuple[float, float]:
+        """Rank correlation of |value| and |response| in standard errors, and ratio of variances at large and small responses."""
+        size = (
+            None
+            if self.response is None
+            else np.abs(self.response if self.known is None else self.response[self.known])
+        )
+        if size is None or not size.any() or np.ptp(size) == 0.0:
+            return 0.0, 1.0
+        values = np.abs(self._known_values)
+        correlation = scipy.stats.spearmanr(values, size).statistic
+        small, large = np.quantile(size, (SMALL, LARGE))
+        ratio = np.mean(values[size >= large] ** 2) / max(np.mean(values[size <= small] ** 2), np.finfo(float).tiny)
+        return float(correlation * np.sqrt(len(values) - 1)), float(ratio)
+
+    @property
+    def growth(self) -> float:
+        """Ratio of the variance at the largest quarter of the responses to that at the smallest half; 1 for even errors."""
+        return self._growing[1]
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the values grow with the response, against the error model."""
+        return self._growing[0] > SURE and self.growth > MOST_GROWTH
+
+    @property
+    def may_be_heavy_tailed(self) -> bool:
+        """Whether an error model with heavy tails deserves a trial."""
+        return self._tails_beyond(LIKELY)
+
+    @property
+    def may_be_uneven(self) -> bool:
+        """Whether an error model that grows with the response deserves a trial."""
+        return self._growing[0] > LIKELY
+
+    @property
+    def as_assumed(self) -> bool:
+        """Whether nothing contradicts the error model."""
+        return not (self.correlated or self.heavy_tailed or self.uneven)
 
 
 def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> tuple[WhitenedResidual, ...]:
     """Whiten the residuals of a prediction."""
     residuals = []
     for index, observation in enumerate(posterior.observations):
-        residual = (observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
-        white = np.asarray(posterior.likelihood.of[index].whiten(residual, posterior.unknowns(theta[None], index)))[
-            :, :, 0
-        ]
+        response = posterior.predict(theta[None], index).transpose(1, 2, 0)
+        white = posterior.likelihood.of[index].normal_scores(response, posterior.unknowns(theta[None], index))[:, :, 0]
         residuals += [
             WhitenedResidual(
-                channel, observation.record.name, observation.step, white[:, i], index, observation.is_measured[:, i]
+                channel,
+                observation.record.name,
+                observation.step,
+                white[:, i],
+                index,
+                observation.is_measured[:, i],
+                response[:, i, 0],
             )
             for i, channel in enumerate(observation.channels)
             if np.isfinite(white[:, i]).all()
@@ -118,15 +204,33 @@ def residual_warnings(
     assumed = "independent errors" if added.independent else f"the error model {added.describe()['kind']}"
     if error_model.inside:
         assumed += f" with {error_model.describe()['kind']} parameters"
-    correlated = [residual for residual in residuals if residual.correlated]
-    if not correlated:
-        return []
-    each = ", ".join(_correlation_in_words(residual) for residual in correlated)
-    sentence = f"after whitening, the residuals are still correlated, which contradicts {assumed}: {each}"
     worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
+    effect = ""
     if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
-        sentence += f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see robust_sd)"
-    return [sentence + ("; use a correlated error model, such as damped_cosine" if added.independent else "")]
+        effect = f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see robust_sd)"
+    sentences = []
+    if correlated := [_correlation_in_words(residual) for residual in residuals if residual.correlated]:
+        cure = "; use a correlated error model, such as damped_cosine" if added.independent else ""
+        said = f"after whitening, the residuals are still correlated, which contradicts {assumed}"
+        sentences.append(f"{said}: {', '.join(correlated)}{effect}{cure}")
+    if heavy := [_tails_in_words(residual) for residual in residuals if residual.heavy_tailed]:
+        cure = "; use the error model student" if added.independent else ""
+        said = f"the residuals have more large values than {assumed} {'have' if added.independent else 'has'}"
+        sentences.append(f"{said}: {', '.join(heavy)}{effect}{cure}")
+    if uneven := [_growth_in_words(residual) for residual in residuals if residual.uneven]:
+        cure = "; use the error model proportional" if added.independent else ""
+        said = f"the residuals grow with the response, which contradicts {assumed}"
+        sentences.append(f"{said}: {', '.join(uneven)}{effect}{cure}")
+    return sentences
+
+
+def _tails_in_words(residual: WhitenedResidual) -> str:
+    return f"{residual.channel} on {residual.record} has an excess kurtosis of {residual.excess_kurtosis:.2g} (expected: 0)"
+
+
+def _growth_in_words(residual: WhitenedResidual) -> str:
+    where = f"{residual.channel} on {residual.record}"
+    return f"the variance of {where} at large responses is {residual.growth:.2g} times that at small ones"
 
 
 def _correlation_in_words(residual: WhitenedResidual) -> str:

@@ -87,8 +87,9 @@ def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.nda
         name: np.repeat(value, len(response))
         for name, value in posterior.unknowns(draws.mean(axis=0)[None], index).items()
     }
-    deviations = (response - response.mean(axis=0)).transpose(1, 2, 0)
-    white = np.asarray(posterior.likelihood.of[index].whiten(deviations, mean))
+    middle = response.mean(axis=0)
+    deviations = (response - middle).transpose(1, 2, 0)
+    white = np.asarray(posterior.likelihood.of[index].whiten(deviations, mean, middle[:, :, None]))
     influence = white @ centred
     influence[..., [posterior.names.index(name) for name in posterior.likelihood.discrepancy_names]] = 0.0
     return psi, influence

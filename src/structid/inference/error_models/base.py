@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -103,6 +103,14 @@ class ErrorModel(ABC):
         """Return everything that defines the error model, for hashes and reports."""
 
 
+class ResidualSample(NamedTuple):
+    """What an error model sees of the samples of an observation: all of them, with a first axis of time, or one of them."""
+
+    residual: Any  # measurement minus response (…, channel, run)
+    is_measured: Any = None  # mask of the measured values (…, channel, 1); None if no value is missing
+    response: Any = None  # the response (…, channel, run); None if the error model does not depend on it
+
+
 class Discrepancy(ErrorModel):
     """Error model of ε, which is added to the response; its parameters are inferred together with the model's.
 
@@ -134,6 +142,41 @@ class Discrepancy(ErrorModel):
     takes_gaps: ClassVar[bool] = False
     """Whether the methods accept `is_measured`, a mask of the measured values; without it, values must not be missing."""
 
+    depends_on_response: ClassVar[bool] = False
+    """Whether the errors depend on the response: the methods then have the further argument `response`, in the residual's shape."""
+
+    def seeing(self, response: Any) -> dict[str, Any]:
+        """Return the response as an argument of the methods, if the error model depends on it.
+
+        Parameters
+        ----------
+        response : array
+            Response, divided by the known standard deviations if the observation has some.
+
+        Returns
+        -------
+        dict
+            Keyword arguments.
+        """
+        return {"response": response} if self.depends_on_response else {}
+
+    def bound_to(self, values: Float[np.ndarray, "time channel"], channels: tuple[str, ...]) -> Discrepancy:
+        """Return the error model of one observation, with what it takes from the measured values.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel)
+            The measurement in SI; NaN for a missing value.
+        channels : tuple of str
+            Names of its channels.
+
+        Returns
+        -------
+        Discrepancy
+            This error model itself if it takes nothing from the values.
+        """
+        return self
+
     def log_likelihood_of_squares(
         self, squares: Float[Array, "channel run"], samples: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Float[Array, " run"]:
@@ -164,7 +207,6 @@ class Discrepancy(ErrorModel):
         runs: int,
         dt: float,
         samples: Any,
-        gaps: bool = False,
     ) -> Fold | None:
         """Return the log density of a residual as a fold over its samples, inside JAX, if the error model has one.
 
@@ -180,13 +222,11 @@ class Discrepancy(ErrorModel):
             Time step [s].
         samples : int or array, shape (channel, 1)
             Number of measured values.
-        gaps : bool
-            Whether values are missing. A sample is then a pair: the residual, and a mask (channel, 1) of the measured values.
 
         Returns
         -------
         Fold or None
-            Fold from samples (channel, run) to the log-likelihood (run,); None if the whole residual is needed.
+            Fold from `ResidualSample` to the log-likelihood (run,); None if the whole residual is needed.
         """
         return None
 
@@ -308,7 +348,7 @@ class Discrepancy(ErrorModel):
         dt: float,
         is_measured: Bool[np.ndarray, "time channel"] | None = None,
     ) -> Float[Array, "time channel run"]:
-        """Linear map of a residual to independent unit normals, inside JAX.
+        """Linear map of a residual to independent errors with unit Fisher information, unit normals if ε is normal, inside JAX.
 
         Parameters
         ----------
@@ -328,6 +368,36 @@ class Discrepancy(ErrorModel):
         jax.Array, shape (time, channel, run)
             L⁻¹ r with L Lᵀ the covariance of ε.
         """
+
+    def normal_scores(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        **more: Any,
+    ) -> Float[Array, "time channel run"]:
+        """Map a residual to independent unit normals, by the distribution functions of its values.
+
+        Parameters
+        ----------
+        residual : array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+        **more
+            Mask of the measured values and response, as in `whiten`.
+
+        Returns
+        -------
+        array, shape (time, channel, run)
+            The same as `whiten` for normal errors.
+        """
+        return self.whiten(residual, unknown, channels, dt, **more)
 
     @abstractmethod
     def draw(

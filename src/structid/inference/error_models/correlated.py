@@ -20,12 +20,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from structid.core.arrays import Array
-from structid.core.errors import InputError
-from structid.core.units import squared
 from structid.engine.device import jnp
 from structid.engine.time_loop import Fold
-from structid.inference.error_models.base import Discrepancy
-from structid.probability.marginals import Uniform
+from structid.inference.error_models.base import Discrepancy, ResidualSample
+from structid.inference.error_models.parametric import VARIANCES, Parametric
 from structid.probability.truncation import Marginal
 
 Matrix = list[list[Any]]
@@ -45,7 +43,7 @@ SMALLEST_WHITE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Correlated(Discrepancy):
+class Correlated(Parametric):
     """Common part of the correlated error models: a variance, a white variance, and the parameters of a kernel.
 
     Every parameter is known (a number), has a prior (a Marginal), or is omitted. If omitted, a variance has the prior U(0,
@@ -57,13 +55,6 @@ class Correlated(Discrepancy):
 
     kind: ClassVar[str] = "correlated"
     takes_gaps: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        for name in ("variance", "white", *self._shapes()):
-            value = getattr(self, name)
-            least = 0.0 if name == "white" else np.nextafter(0.0, 1.0)
-            if isinstance(value, (int, float)) and not (np.isfinite(value) and value >= least):
-                raise InputError(f"{type(self).__name__}({name})", f"{value}", "a positive number, a prior, or None")
 
     @property
     def of_the_model(self) -> Discrepancy:
@@ -77,49 +68,15 @@ class Correlated(Discrepancy):
     def _shapes(cls) -> tuple[str, ...]:
         """Names of the kernel's parameters besides its variance."""
 
-    @abstractmethod
-    def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
-        """Default prior of a kernel parameter."""
+    @classmethod
+    def _names(cls) -> tuple[str, ...]:
+        return (*VARIANCES, *cls._shapes())
 
     @abstractmethod
     def _transition(self, shapes: Mapping[str, Any], dt: float, numpy: Any) -> tuple[Matrix, list[Any]]:
         """F, and the diagonal of P∞ for σ² = 1."""
 
-    # --- parameters ---------------------------------------------------------------------------------------------
-
-    def parameters(
-        self, values: Float[np.ndarray, "time channel"], channels: tuple[str, ...], dt: float, units: tuple[str, ...]
-    ) -> dict[str, Marginal]:
-        """Unknown parameters and their priors; see `Discrepancy.parameters`."""
-        priors: dict[str, Marginal] = {}
-        for i, (channel, unit) in enumerate(zip(channels, units, strict=True)):
-            peak = float(np.abs(values[:, i]).max())
-            if peak == 0.0:
-                raise InputError(f"observation, channel '{channel}'", "zero throughout", "a varying response")
-            for name in ("variance", "white", *self._shapes()):
-                given = getattr(self, name)
-                if isinstance(given, (int, float)):
-                    continue
-                variance = name in ("variance", "white")
-                default = (
-                    Uniform(0.0, peak**2, unit=squared(unit))
-                    if variance
-                    else self._default_prior(name, dt, len(values))
-                )
-                priors[_name(name, channel, channels)] = default if given is None else given
-        return priors
-
-    def _values(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> dict[str, Any]:
-        """Every parameter as an array (channel, run)."""
-        values = {}
-        for name in ("variance", "white", *self._shapes()):
-            given = getattr(self, name)
-            rows = [
-                given if isinstance(given, (int, float)) else unknown[_name(name, channel, channels)]
-                for channel in channels
-            ]
-            values[name] = numpy.stack([numpy.broadcast_to(numpy.asarray(r, dtype=np.float64), (runs,)) for r in rows])
-        return values
+    # --- the state-space form ------------------------------------------------------------------------------------
 
     def _system(
         self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, numpy: Any
@@ -195,9 +152,8 @@ class Correlated(Discrepancy):
     ) -> tuple[Any, Any]:
         """One-step prediction errors and their precisions, each (time, channel, run); the precision of a missing value is 0."""
         start, step, _ = self._filter(unknown, channels, residual.shape[2], dt)
-        rows = _pairs(residual, is_measured)
         filtered: tuple[Any, Any] = jax.lax.scan(
-            lambda state, row: step(state, row) if is_measured is None else step(state, *row), start, rows
+            lambda state, row: step(state, row.residual, row.is_measured), start, _samples(residual, is_measured)
         )[1]
         return filtered
 
@@ -212,10 +168,8 @@ class Correlated(Discrepancy):
     ) -> Float[Array, " run"]:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`."""
         samples = residual.shape[0] if is_measured is None else is_measured.sum(axis=0)[:, None]
-        fold: Fold = self._folded(
-            unknown, channels, residual.shape[2], dt, samples, white, gaps=is_measured is not None
-        )
-        return fold.of(_pairs(residual, is_measured))
+        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, samples, white)
+        return fold.of(_samples(residual, is_measured))
 
     def fold(
         self,
@@ -224,10 +178,9 @@ class Correlated(Discrepancy):
         runs: int,
         dt: float,
         samples: Any,
-        gaps: bool = False,
     ) -> Fold:
         """The log density as a fold over samples; see `Discrepancy.fold`."""
-        return self._folded(unknown, channels, runs, dt, samples, gaps=gaps)
+        return self._folded(unknown, channels, runs, dt, samples)
 
     def _folded(
         self,
@@ -237,14 +190,13 @@ class Correlated(Discrepancy):
         dt: float,
         samples: Any,
         more_white: Any = 0.0,
-        gaps: bool = False,
     ) -> Fold:
         start, step, first = self._filter(unknown, channels, runs, dt, more_white)
 
-        def sample(carry: Any, measured: Any) -> Any:
+        def sample(carry: Any, measured: ResidualSample) -> Any:
             # A logarithm costs more than all other operations of a step, so it is taken once, of Π S₁/S in units of HUGE.
             state, squares, product, units = carry
-            residual, is_measured = measured if gaps else (measured, None)
+            residual, is_measured, _ = measured
             state, (error, precision) = step(state, residual, is_measured)
             growth = first * precision
             product = product * (growth if is_measured is None else jnp.where(is_measured, growth, 1.0))
@@ -314,18 +266,10 @@ class Correlated(Discrepancy):
         states += np.sqrt(white) * rng.standard_normal(states.shape)
         return states.transpose(2, 0, 1)
 
-    def describe(self) -> dict[str, Any]:
-        """Return the kind and the arguments."""
-        description: dict[str, Any] = {"kind": self.kind}
-        for name in ("variance", "white", *self._shapes()):
-            value = getattr(self, name)
-            description[name] = value.describe() if isinstance(value, Marginal) else value
-        return description
 
-
-def _pairs(residual: Any, is_measured: np.ndarray | None) -> Any:
-    """Rows of a filter: the residual, or the residual and the mask of the measured values."""
-    return residual if is_measured is None else (residual, is_measured[:, :, None])
+def _samples(residual: Any, is_measured: np.ndarray | None) -> ResidualSample:
+    """Rows of a filter."""
+    return ResidualSample(residual, None if is_measured is None else is_measured[:, :, None])
 
 
 def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
@@ -333,9 +277,3 @@ def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
     (i, j), (p, q) = to, of
     share = transition[i][p] * transition[j][q]
     return share if p == q else share + transition[i][q] * transition[j][p]
-
-
-def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:
-    """Name of an error-model parameter in a posterior."""
-    plain = {"variance": "sigma2", "white": "sigma2_white"}.get(parameter, parameter)
-    return f"{plain}_{channel}" if len(channels) > 1 else plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.inference.error_models import drifting, independent, kernels
+from structid.inference.error_models import drifting, independent, kernels, uncorrelated
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 
 ERROR_MODELS: tuple[ErrorModelKind, ...] = (
@@ -10,5 +10,8 @@ ERROR_MODELS: tuple[ErrorModelKind, ...] = (
     kernels.AR1_KIND,
     kernels.MATERN32_KIND,
     kernels.DAMPED_COSINE_KIND,
+    uncorrelated.STUDENT_KIND,
+    uncorrelated.PROPORTIONAL_KIND,
+    uncorrelated.QUANTISED_KIND,
     drifting.DRIFTING_KIND,
 )

@@ -23,7 +23,7 @@ from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.time_loop import Fold, TimeLoop, once_along_each, side_by_side, sum_of_squares
 from structid.histories import Histories
-from structid.inference.error_models.base import Discrepancy, ErrorModel
+from structid.inference.error_models.base import Discrepancy, ErrorModel, ResidualSample
 from structid.inference.likelihood.sensor_loop import at_sensor_samples
 from structid.models.base import Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
@@ -85,7 +85,8 @@ class ObservationLikelihood:
         own: Mapping[str, str],
         model_error: bool = False,
     ) -> None:
-        self.model, self.observation, self.discrepancy = model, observation, discrepancy
+        self.model, self.observation = model, observation
+        self.discrepancy = discrepancy.bound_to(observation.weighted(observation.values), observation.channels)
         self._space, self._model_error = space, model_error
         self.labels = dict(own)  # names in θ of the observation's own parameters, by their plain names
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
@@ -160,22 +161,57 @@ class ObservationLikelihood:
     def _given(self, response: Any, theta: Any, values: Any, sign: float, white: Any = 0.0) -> Any:
         """Log-likelihood of the response in the measured channels for one direction of the sensor, inside JAX."""
         residual = self._residual_of_all(response, theta, values, sign)
-        result = self.discrepancy.log_likelihood(
-            residual, self.unknowns(theta), self.channels, self.dt, white, **self.masked
-        )
+        more = self._of_all_samples(values - residual)
+        result = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt, white, **more)
         return self._in_si(result)
 
-    @property
-    def masked(self) -> dict[str, Any]:
-        """Arguments of the error model for missing values."""
-        return {"is_measured": self.observation.is_measured} if self.observation.missing else {}
+    def _of_all_samples(self, response: Any) -> dict[str, Any]:
+        """Further arguments of the error model: the mask of the measured values, and the response divided by the known sds."""
+        masked = {"is_measured": self.observation.is_measured} if self.observation.missing else {}
+        return masked | self.discrepancy.seeing(response)
 
     def whiten(
-        self, values: Float[Array, "sample channel run"], unknown: Mapping[str, Any]
+        self,
+        values: Float[Array, "sample channel run"],
+        unknown: Mapping[str, Any],
+        response: Float[Array, "sample channel _"],
     ) -> Float[Array, "sample channel run"]:
-        """Whiten residuals or sensitivities, 0 where a value is missing, inside JAX or of NumPy arrays."""
-        weighted = self.observation.weighted(values)
-        return self.discrepancy.whiten(weighted, unknown, self.channels, self.dt, **self.masked)
+        """Whiten residuals or sensitivities at a response, 0 where a value is missing, inside JAX or of NumPy arrays."""
+        weighted, more = self.observation.weighted(values), self._of_all_samples(self.observation.weighted(response))
+        return self.discrepancy.whiten(weighted, unknown, self.channels, self.dt, **more)
+
+    def normal_scores(
+        self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
+    ) -> Float[np.ndarray, "sample channel run"]:
+        """Residuals of readings as independent unit normals, 0 where a value is missing."""
+        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
+        more = self._of_all_samples(self.observation.weighted(response))
+        return np.asarray(self.discrepancy.normal_scores(residual, unknown, self.channels, self.dt, **more))
+
+    def pointwise(
+        self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
+    ) -> Float[np.ndarray, "sample channel run"]:
+        """Log density of every measured value in SI, given the readings of a model; 0 where a value is missing."""
+        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
+        more = self._of_all_samples(self.observation.weighted(response))
+        result = self.discrepancy.pointwise(residual, unknown, self.channels, self.dt, **more)
+        return np.asarray(result - self.observation.log_sds[:, :, None])
+
+    def draw_errors(
+        self,
+        rng: np.random.Generator,
+        response: Float[np.ndarray, "run time channel"],
+        unknown: Mapping[str, np.ndarray],
+        dt: float,
+        size: Any = None,
+        of: Discrepancy | None = None,
+    ) -> Float[np.ndarray, "run time channel"]:
+        """Draw errors in SI of some readings; `size` replaces the known standard deviations, `of` the error model."""
+        error_model = self.discrepancy if of is None else of
+        if size is None:
+            size = 1.0 if self.observation.sd is None else np.asarray(self.observation.sd)
+        more = error_model.seeing(response / size)
+        return np.asarray(size * error_model.draw(rng, response.shape, unknown, self.channels, dt, **more))
 
     @staticmethod
     def _mean_of_signs(each: Sequence[Any]) -> Any:
@@ -281,16 +317,15 @@ class ObservationLikelihood:
         if loop is None or fold is None:
             response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
-        result, finite = loop.folded(*self.in_loop(fold, theta, measured.values, self.needs_mask))
+        result, finite = loop.folded(*self.in_loop(fold, theta, measured.values, self.needs_samples))
         return self.of_fold(result, theta), finite
 
     def fold(self, theta: Float[Array, "run parameter"]) -> Fold | None:
         """Fold of the residuals over samples, for one direction of the sensor."""
         if self.discrepancy.independent:
             return self.sum_of_squares(theta.shape[0])
-        counts, gaps = self.observation.counts, bool(self.observation.missing)
-        more = {"gaps": True} if gaps else {}
-        return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, counts, **more)
+        counts, runs = self.observation.counts, theta.shape[0]
+        return self.discrepancy.fold(self.unknowns(theta), self.channels, runs, self.dt, counts)
 
     def sum_of_squares(self, runs: int) -> Fold:
         """Σ (y − M)² of every channel."""
@@ -309,12 +344,20 @@ class ObservationLikelihood:
         )
 
     @property
-    def needs_mask(self) -> bool:
-        """Whether a sample of `fold` is a residual with a mask of the measured values."""
-        return bool(self.observation.missing) and not self.discrepancy.independent
+    def needs_samples(self) -> bool:
+        """Whether `fold` is one of `ResidualSample`, not of residuals."""
+        return not self.discrepancy.independent
 
-    def in_loop(self, fold: Fold, theta: Float[Array, "run parameter"], values: Any, masked: bool = False) -> InLoop:
-        """Apply a fold of residuals, with masks if wanted, to the response of a loop over the samples of the record.
+    def _sample(self, residual: Any, readings: Readings) -> ResidualSample:
+        """What the error model sees of a sample."""
+        is_measured = readings.weights > 0.0 if self.observation.missing else None
+        response = readings.values - residual if self.discrepancy.depends_on_response else None
+        return ResidualSample(residual, is_measured, response)
+
+    def in_loop(
+        self, fold: Fold, theta: Float[Array, "run parameter"], values: Any, as_samples: bool = False
+    ) -> InLoop:
+        """Apply a fold, of residuals or of `ResidualSample`, to the response of a loop over the samples of the record.
 
         An unknown direction of the sensor has one fold for each sign.
         """
@@ -324,7 +367,7 @@ class ObservationLikelihood:
 
         def compared(response: Any, readings: Readings) -> Any:
             each = [residual(response, readings) for residual in residuals]
-            each = [(r, readings.weights > 0.0) for r in each] if masked else each
+            each = [self._sample(r, readings) for r in each] if as_samples else each
             return each[0] if len(each) == 1 else each
 
         readings, sampling = self.readings(values), self.observation.sampling

@@ -453,12 +453,9 @@ class Posterior(Target):
             Log densities, and 0 for missing values; for an unknown polarity, those of the more probable direction.
         """
         theta = self.likelihood.points(theta)
-        observation, unknown = self.observations[index], self.unknowns(theta, index)
         prediction = self.predict(theta, index) if prediction is None else prediction
-        residual = observation.weighted((observation.values - prediction).transpose(1, 2, 0))
-        masked = self.likelihood.of[index].masked
-        result = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.step, **masked)
-        return np.asarray(np.asarray(result).transpose(2, 0, 1) - observation.log_sds)
+        result = self.likelihood.of[index].pointwise(prediction.transpose(1, 2, 0), self.unknowns(theta, index))
+        return result.transpose(2, 0, 1)
 
     @cached_property
     def misfit(self) -> Any:

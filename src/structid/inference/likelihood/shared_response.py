@@ -46,7 +46,7 @@ def squares_of(
     if _in_one_loop(bounds, theta, data):
         folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
         plain = all(bound.plain_instrument for bound in bounds)
-        result, finite = _folded(bounds, theta, data, folds, plain, masked=False)
+        result, finite = _folded(bounds, theta, data, folds, plain, as_samples=False)
         of_signs = [value if isinstance(value, tuple) else (value,) for value in result]
         return [bound.least_squares(value) for bound, value in zip(bounds, of_signs, strict=True)], finite
     each, finite = zip(
@@ -63,7 +63,7 @@ def log_likelihood_of(
         folds = [bound.fold(theta) for bound in bounds]
         if all(fold is not None for fold in folds):
             plain = all(bound.needs_only_squares for bound in bounds)
-            result, finite = _folded(bounds, theta, data, folds, plain, masked=True)
+            result, finite = _folded(bounds, theta, data, folds, plain, as_samples=True)
             return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, result, strict=True)), finite
     each, finite = zip(
         *(bound.traced(theta, data_of_one) for bound, data_of_one in zip(bounds, data, strict=True)), strict=True
@@ -85,16 +85,16 @@ def _folded(
     data: Sequence[Measured],
     folds: Sequence[Any],
     plain: bool,
-    masked: bool,
+    as_samples: bool,
 ) -> tuple[Any, Any]:
     """Values of all folds, and whether the response is finite, from one loop over time.
 
-    `plain` means that residuals and folds depend on the model's parameters only through the response; `masked` that the folds
-    take masks of the measured values where the error model needs them.
+    `plain` means that residuals and folds depend on the model's parameters only through the response; `as_samples`
+    that the folds take `ResidualSample` where the error model needs more than sums of squares.
     """
     first, at = bounds[0], lax.stop_gradient(theta) if plain else theta
     each = [
-        bound.in_loop(fold, at, data_of_one.values, masked and bound.needs_mask)
+        bound.in_loop(fold, at, data_of_one.values, as_samples and bound.needs_samples)
         for bound, fold, data_of_one in zip(bounds, folds, data, strict=True)
     ]
     rows = tuple(of_one.rows for of_one in each)

@@ -149,6 +149,6 @@ def _projections(
     unknown = {
         name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }
-    white = np.asarray(posterior.likelihood.of[index].whiten(series, unknown))
+    white = np.asarray(posterior.likelihood.of[index].whiten(series, unknown, response[0][:, :, None]))
     flat = white.reshape(-1, white.shape[2])
     return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]

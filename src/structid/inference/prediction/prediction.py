@@ -18,7 +18,6 @@ from structid.core.streams import Purpose, stream
 from structid.core.units import factor
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
-from structid.inference.error_models.base import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.band_scale import BandScale
 from structid.inference.prediction.error_growth import ErrorGrowth, error_growth
@@ -246,12 +245,12 @@ class Predictor:
         """Draws of the readings at the samples of a sensor, (draw, sample, channel)."""
         observation = self.posterior.observations[index]
         sampled = np.asarray(observation.instrument.sampled(response.transpose(1, 2, 0))).transpose(2, 0, 1)
-        shape = (*sampled.shape[:2], len(observation.channels))
         rng = stream(self.seed, Purpose.PREDICTION_ON_THE_RECORD, index)
         unknown = self.posterior.unknowns(self.theta[: len(sampled)], index)
-        errors = self.posterior.discrepancy.draw(rng, shape, unknown, observation.channels, observation.step)
-        sd = 1.0 if observation.sd is None else np.asarray(observation.sd)
-        return np.asarray(sampled + (sd * errors)[:, :, there])
+        every = np.zeros((*sampled.shape[:2], len(observation.channels)))
+        every[:, :, there] = sampled
+        errors = self.posterior.likelihood.of[index].draw_errors(rng, every, unknown, observation.step)
+        return np.asarray(sampled + errors[:, :, there])
 
     @cached_property
     def _measured_again(self) -> dict[int, tuple[BandScale, np.ndarray]]:
@@ -317,21 +316,23 @@ class Predictor:
         del first
         runs.clear()  # histories of all draws take much memory, and are not needed again
 
-        def erring(error_model: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
+        def erring(purpose: Purpose | None = None) -> np.ndarray:
+            """Add all errors, or for a purpose those of the model alone, to the response."""
             result = of_sources.copy()
-            if error_model is None:
-                return result
             for index, response in responses.items():
+                bound = posterior.likelihood.of[index]
+                error_model = bound.discrepancy if purpose is None else bound.discrepancy.of_the_model
+                if error_model is None:
+                    continue
                 here = index in sources.here
                 drawn = Purpose.PREDICTION_ON_THE_RECORD if here else Purpose.PREDICTION_ON_ANOTHER_RECORD
                 rng, unknown = stream(self.seed, purpose or drawn, index), posterior.unknowns(theta[good], index)
-                errors = error_model.draw(rng, response.shape, unknown, observations[index].channels, record.dt)
-                errors = errors * self._size_of_errors(index, response, record.dt, here)
+                size = self._size_of_errors(index, response, record.dt, here)
+                errors = bound.draw_errors(rng, response, unknown, record.dt, size, error_model)
                 errors += response
                 result[:, :, sources.places(index)] = errors[:, :, there(index)]
             return result
 
-        error_model = posterior.discrepancy
         units = model_units | {
             c: observations[index].channel_unit(c)
             for index, channels_of_one in reversed(measured.items())
@@ -342,11 +343,11 @@ class Predictor:
             time,
             sources.channels,
             of_sources,
-            erring(error_model),
+            erring(),
             int((~good).sum()),
             record.name,
             {c: units[c] for c in sources.channels},
-            erring(error_model.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
+            erring(Purpose.PREDICTED_MODEL_ERROR),
             status=status,
         )
 
@@ -376,7 +377,9 @@ class Predictor:
     def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
         """Factor on the errors of an observation: their growth with the response, and known standard deviations."""
         observation = self.posterior.observations[index]
-        scale = self._growth(index).scale(response, dt)
+        # Errors that depend on the response grow with it by themselves.
+        depends = self.posterior.discrepancy.depends_on_response
+        scale = np.ones(response.shape) if depends else self._growth(index).scale(response, dt)
         if observation.sd is None:
             return scale
         # The standard deviations hold for the measured record; another record takes their mean square.

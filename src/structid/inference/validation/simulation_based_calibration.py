@@ -310,10 +310,7 @@ def _simulated(
         raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
     truth, values = truth[:replicas], [v[:replicas] for v in values]
     rng = stream(seed, Purpose.REPLICA_NOISE)
-    error_model = posterior.discrepancy if noise is None else noise
-    for index, observation in enumerate(posterior.observations):
-        unknown, dt = posterior.unknowns(truth, index), observation.step
-        shape = (replicas, len(observation.values), len(observation.channels))
-        sd = 1.0 if observation.sd is None else observation.sd
-        values[index] = values[index] + sd * error_model.draw(rng, shape, unknown, observation.channels, dt)
+    for index, bound in enumerate(posterior.likelihood.of):
+        unknown = posterior.unknowns(truth, index)
+        values[index] = values[index] + bound.draw_errors(rng, values[index], unknown, bound.dt, of=noise)
     return truth, values

@@ -44,6 +44,9 @@ def _judged(residual: WhitenedResidual) -> str:
             "The residuals are correlated: the error model does not describe them, and the posterior standard deviations "
             "are too small"
         )
+    if residual.heavy_tailed or residual.uneven:
+        what = "have heavier tails than" if residual.heavy_tailed else "grow with the response, against"
+        return f"The residuals {what} the error model: the posterior standard deviations may be wrong"
     frequency, power = residual.peak
     if power > UNEVEN:
         return (
