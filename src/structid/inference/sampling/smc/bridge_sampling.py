@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from scipy.special import expit
 
 from structid.inference.sampling.base import Evidence
+from structid.inference.sampling.smc.falling_root import root_of_falling
 from structid.inference.sampling.smc.tempering import Population
 
 
@@ -57,20 +57,8 @@ def bennett_ratio(
     weighing, weighing_other = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
     if not (weighing.size and weighing_other.size):  # the densities do not overlap
         return -np.inf, np.inf
-    # The bracket starts at the draws with most weight and is widened; draws with a log density of −1e30 must not widen it.
-    result = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(weighing_other))))
+    # The search starts at the draws with most weight.
+    result = root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(weighing_other))), 1e-10)
     shares = (expit(forward - result), expit(result - backward))
     variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)
     return float(result), variance
-
-
-def _root_of_falling(function: Callable[[float], float], start: float) -> float:
-    """Root of a decreasing function."""
-    low = high = start
-    step = 1.0
-    while function(low) < 0.0:
-        low, step = low - step, 2.0 * step
-    step = 1.0
-    while function(high) > 0.0:
-        high, step = high + step, 2.0 * step
-    return low if low == high else float(scipy.optimize.brentq(function, low, high, xtol=1e-10, maxiter=1000))

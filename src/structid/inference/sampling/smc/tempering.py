@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 from scipy.special import logsumexp
 
@@ -14,6 +13,7 @@ from structid.core.errors import ConvergenceError
 from structid.core.streams import Purpose, stream
 from structid.inference.sampling.base import Block, correlation
 from structid.inference.sampling.moves import EnsembleState, Moves, halves
+from structid.inference.sampling.smc.falling_root import root_of_falling
 from structid.inference.target import Target
 
 
@@ -181,7 +181,7 @@ def move(
 def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
     """Largest exponent whose weights leave the given fraction of the particles effective, ESS = (Σw)²/Σw²."""
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         below_best = likelihood - likelihood.max(axis=1, keepdims=True)
     usable = int(np.isfinite(below_best).sum())
     below_best = np.where(np.isfinite(below_best), below_best, -np.inf)
@@ -189,17 +189,14 @@ def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: 
     def lacking(log_increment: float) -> float:
         with np.errstate(invalid="ignore"):
             weights = np.where(below_best > -np.inf, np.exp(np.exp(log_increment) * below_best), 0.0)
-        # The mean over the populations, so that no single population decides.
-        size = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
-        return float(np.log(size.sum() / (usable * share)))
+        # The mean over the populations, so that no single population decides; one without usable particles counts for nothing.
+        size = weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), np.finfo(np.float64).tiny)
+        return float(size.sum() - usable * share)
 
     largest = np.log(1.0 - exponent)
     if lacking(largest) >= 0.0:
         return 1.0
-    smallest = largest
-    while lacking(smallest) < 0.0:
-        smallest -= 5.0
-    return float(exponent + np.exp(scipy.optimize.brentq(lacking, smallest, largest, xtol=1e-6)))
+    return float(exponent + np.exp(root_of_falling(lacking, largest, 1e-6)))
 
 
 def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
