@@ -53,7 +53,8 @@ def test_a_mended_solver_goes_on_with_the_runs_of_before(measured, tmp_path):
     model = solver(after)
     found = si.calibrate(model, SPACE, measured, seed=1, store=tmp_path, adopt=True)
     assert found.certificate.certified and found.runs.done.all()
-    assert failed <= set(after) and not set(after) & (set(before) - failed)
+    # One earlier run is repeated, to see whether the solver still gives the same response.
+    assert failed <= set(after) and len(set(after) & (set(before) - failed)) == 1
     assert len(found.runs) >= len(first.runs) and found.rounds[0].training == len(first.runs)
     again = si.calibrate(model, SPACE, measured, seed=1, store=tmp_path)
     np.testing.assert_array_equal(again.sampling.draws, found.sampling.draws)

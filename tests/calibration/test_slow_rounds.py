@@ -53,7 +53,7 @@ def test_what_no_surrogate_can_learn_is_told_in_the_log(caplog):
     model = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
     with caplog.at_level(logging.INFO, logger="structid.calibration"):
         result = si.calibrate(
-            model, space, measured, plan=si.Plan(true_runs=60, start=10, batch=5, certificate=20), seed=1
+            model, space, measured, plan=si.Plan(true_runs=61, start=10, batch=5, certificate=20), seed=1
         )
     assert not result.certified
     assert "hardly improved the surrogate" in result.hint

@@ -16,7 +16,7 @@ from structid.calibration.calibration_result import CalibrationResult, Round, hi
 from structid.calibration.cross_validation import cross_validate
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
-from structid.calibration.initial_runs import make_first_runs, warn_of_mistakes
+from structid.calibration.initial_runs import make_first_runs, refuse_noise, warn_of_mistakes
 from structid.calibration.next_runs import Batch, certificate_draws, next_batch
 from structid.calibration.plan import FEWEST_IN_A_BATCH, Plan
 from structid.calibration.requested_limits import earlier_limits
@@ -236,6 +236,7 @@ class _Loop:
     def run(self) -> CalibrationResult:
         """Run the calibration, which continues from the stored rounds."""
         make_first_runs(self.true, self.settings, self._planned, self._left)
+        self.twice += refuse_noise(self.true)
         warn_of_mistakes(self.true)
         stored = [] if self.journal is None else list(self.journal)
         while True:
