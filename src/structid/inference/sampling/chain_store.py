@@ -16,7 +16,7 @@ from structid.core.journal import Journal, compare_identity, opened_hdf5
 if TYPE_CHECKING:
     import h5py
 
-SCHEMA = 5
+SCHEMA = 6
 """Version of the file layout and of the sampler moves that continue a stored chain."""
 
 

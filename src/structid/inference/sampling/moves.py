@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import gammaln
 
 from structid.inference.target import Target
 
@@ -124,13 +125,18 @@ class IndependenceProposal(NamedTuple):
         )
 
     def log_density(self, x: Float[np.ndarray, "ensemble walker parameter"]) -> Float[np.ndarray, "ensemble walker"]:
-        """Log q, up to a constant."""
+        """Log q.
+
+        A Student density is Γ((ν + d)/2) / (Γ(ν/2) (νπ)^(d/2) |Σ|^½) (1 + r²/ν)^(−(ν + d)/2).
+        """
         log_share = np.log(self.share)[:, None]
         log_volume = np.log(np.einsum("elii->eli", self.factor)).sum(axis=2)[:, :, None]
         whitened = np.linalg.inv(self.factor) @ (x[:, None] - self.middle[:, :, None]).swapaxes(2, 3)
-        exponent = -0.5 * (DEGREES_OF_FREEDOM + x.shape[2])
+        degrees, dimension = DEGREES_OF_FREEDOM, x.shape[2]
+        exponent = -0.5 * (degrees + dimension)
+        constant = gammaln(-exponent) - gammaln(0.5 * degrees) - 0.5 * dimension * np.log(np.pi * degrees)
         student = exponent * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
-        return np.asarray(np.logaddexp.reduce(log_share - log_volume + student, axis=1))
+        return np.asarray(constant + np.logaddexp.reduce(log_share - log_volume + student, axis=1))
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:

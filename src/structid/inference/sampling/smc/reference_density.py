@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import gammaln
 
-from structid.inference.sampling.moves import DEGREES_OF_FREEDOM, EnsembleState, IndependenceProposal
+from structid.inference.sampling.moves import EnsembleState, IndependenceProposal
 from structid.inference.sampling.smc.lost_modes import Mode
 from structid.inference.target import Target
 
@@ -31,12 +30,7 @@ class FromReference(Target):
 
     def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log q, and log π − log q; see `Target.evaluate_parts`."""
-        dimension, degrees = phi.shape[1], DEGREES_OF_FREEDOM
-        # A Student density is Γ((ν + d)/2) / (Γ(ν/2) (νπ)^(d/2) |Σ|^½) (1 + r²/ν)^(−(ν + d)/2).
-        constant = (
-            gammaln(0.5 * (degrees + dimension)) - gammaln(0.5 * degrees) - 0.5 * dimension * np.log(np.pi * degrees)
-        )
-        log_reference = self.reference.log_density(phi[None])[0] + constant
+        log_reference = self.reference.log_density(phi[None])[0]
         density, failed = self.target.evaluate(phi)
         return log_reference, density - log_reference, failed
 

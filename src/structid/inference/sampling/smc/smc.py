@@ -32,6 +32,7 @@ from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.smc.bridge_sampling import evidence_of
 from structid.inference.sampling.smc.lost_modes import lost_modes, thin_modes
 from structid.inference.sampling.smc.particle_mixing import still_moving
+from structid.inference.sampling.smc.proposal_weights import evidence_of_proposals
 from structid.inference.sampling.smc.reference_density import FromReference
 from structid.inference.sampling.smc.tempering import Population, block_of, run_moves, run_stage, starting_population
 from structid.inference.target import Target
@@ -249,7 +250,7 @@ class SMC(Sampler):
         temperings, moves = _divided(blocks)
         kept = joined(moves, self.steps)
         evidence = replace(
-            _fullest(temperings)[1],
+            _more_precise(_fullest(temperings)[1], evidence_of_proposals(kept["proposed"])),
             smallest_basin=3.0 / (self.scouts * self.ensembles * self.particles) if self.scouts else float("nan"),
             at_rest=not still_moving(kept["phi"], kept["log_density"]),
         )
@@ -281,6 +282,11 @@ def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
     first, last = evidences[0], evidences[-1]
     more, error = last[1] - first[1]
     return last if more > MORE_BY * error else first
+
+
+def _more_precise(tempering: Evidence, proposals: Evidence | None) -> Evidence:
+    """The evidence with the smaller standard error."""
+    return tempering if proposals is None or proposals.error >= tempering.error else proposals
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:

@@ -12,8 +12,9 @@ from scipy.special import logsumexp
 from structid.core.errors import ConvergenceError
 from structid.core.streams import Purpose, stream
 from structid.inference.sampling.base import Block, correlation
-from structid.inference.sampling.moves import EnsembleState, Moves, halves
+from structid.inference.sampling.moves import EnsembleState, IndependenceProposal, Moves, halves
 from structid.inference.sampling.smc.falling_root import root_of_falling
+from structid.inference.sampling.smc.proposal_weights import NOTHING, sums_of_weights, together
 from structid.inference.target import Target
 
 
@@ -124,14 +125,14 @@ def run_stage(
     moved_population, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
     passed = [drawn.likelihood]
     for count in range(1, settings.most_moves + 1):
-        moved_population, accepted, more = move(settings, target, moved_population, rng)
+        moved_population, accepted, more, _ = move(settings, target, moved_population, rng)
         failed += more
         passed.append(moved_population.likelihood)
         left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved_population)))
         if count >= settings.least_moves and left < settings.correlation and _at_rest(passed):
             break
     rise = (moved_population.likelihood - drawn.likelihood).mean(axis=1)
-    return moved_population, block_of([moved_population], [accepted], [failed], rise, left)
+    return moved_population, block_of([moved_population], [accepted], [failed], None, rise, left)
 
 
 def _at_rest(passed: list[np.ndarray]) -> bool:
@@ -144,38 +145,42 @@ def run_moves(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator, steps: int
 ) -> tuple[Population, Block]:
     """Move particles at a constant exponent."""
-    history, accepted, failed = [], [], []
+    history, accepted, failed, proposed = [], [], [], []
     for _ in range(steps):
-        population, has_moved, lost = move(settings, target, population, rng)
+        population, has_moved, lost, sums = move(settings, target, population, rng)
         history.append(population)
         accepted.append(has_moved)
         failed.append(lost)
-    return population, block_of(history, accepted, failed)
+        proposed.append(sums)
+    return population, block_of(history, accepted, failed, proposed)
 
 
 def move(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
-) -> tuple[Population, np.ndarray, int]:
-    """Move every particle once: one half of each population, then the other."""
+) -> tuple[Population, np.ndarray, int, Float[np.ndarray, "ensemble column"]]:
+    """Move every particle once: one half of each population, then the other; also return sums of the proposals' weights."""
     phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
     moves = Moves(settings.stretch, settings.differential_evolution, settings.independent)
     failed_simulations = 0
-    accepted = np.zeros(prior.shape, dtype=bool)
+    accepted, proposed = np.zeros(prior.shape, dtype=bool), [np.tile(NOTHING, (len(prior), 1))]
     for moving, resting in halves(settings.particles):
         now = tempered(prior, likelihood, population.exponent)
-        proposal, log_factor = moves.propose(
-            rng, moves.kind(rng), phi[:, moving], EnsembleState(phi, now).part(resting)
-        )
+        kind, others = moves.kind(rng), EnsembleState(phi, now).part(resting)
+        fitted = IndependenceProposal.fitted(others) if kind == "independent" else None
+        proposal, log_factor = replace(moves, proposal=fitted).propose(rng, kind, phi[:, moving], others)
         parts = _evaluated(target, proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())
         then = tempered(new_prior, new_likelihood, population.exponent)
+        if fitted is not None and population.exponent == 1.0:
+            proposed.append(sums_of_weights(then - fitted.log_density(proposal), then, now))
         better = np.log(rng.random(log_factor.shape)) < log_factor + then - now[:, moving]
         phi[:, moving][better] = proposal[better]
         prior[:, moving][better] = new_prior[better]
         likelihood[:, moving][better] = new_likelihood[better]
         accepted[:, moving] = better
-    return replace(population, phi=phi, prior=prior, likelihood=likelihood), accepted, failed_simulations
+    moved_population = replace(population, phi=phi, prior=prior, likelihood=likelihood)
+    return moved_population, accepted, failed_simulations, together(np.stack(proposed))
 
 
 def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
@@ -209,6 +214,7 @@ def block_of(
     populations: list[Population],
     accepted: list[np.ndarray],
     failed: list[int],
+    proposed: list[np.ndarray] | None = None,
     rise: Float[np.ndarray, " ensemble"] | None = None,
     left: float = 0.0,
 ) -> Block:
@@ -221,4 +227,5 @@ def block_of(
         "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
         "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
         "left": np.full(len(populations), left),
+        "proposed": np.stack(proposed) if proposed else np.tile(NOTHING, (*block["prior"].shape[:2], 1)),
     }
