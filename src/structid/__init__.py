@@ -125,6 +125,7 @@ _PUBLIC = {
     "reduced_by_guyan": "hybrid.substructures.reduction",
     "sample": "inference.sample",
     "sbc": "inference.validation.simulation_based_calibration",
+    "sbc_of_calibration": "calibration.simulated_calibrations",
     "sensitivity": "reliability.sensitivity",
     "write_report": "report.from_python",
 }

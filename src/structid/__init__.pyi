@@ -3,6 +3,7 @@
 from structid import optimize as optimize
 from structid.calibration.plan import Plan as Plan
 from structid.calibration.sequential import calibrate as calibrate
+from structid.calibration.simulated_calibrations import sbc_of_calibration as sbc_of_calibration
 from structid.campaign.runner import Campaign as Campaign
 from structid.campaign.runs import Runs as Runs
 from structid.campaign.store import open_runs as open_runs

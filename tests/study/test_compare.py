@@ -3,8 +3,10 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 
+from structid.calibration import simulated_calibrations
 from structid.cli.main import main as cli
 from structid.core.errors import InputError
 from structid.study.compare import compare_studies
@@ -87,6 +89,33 @@ def test_a_study_is_checked_by_simulation(tmp_path, monkeypatch, capsys):
         cli()
     said = capsys.readouterr().out
     assert ended.value.code in (0, 3) and "90 % holds" in said and (tmp_path / "sbc" / "sbc.png").is_file()
+
+
+@pytest.mark.rendered("sbc")
+def test_whole_calibrations_of_a_study_are_checked_by_simulation(tmp_path, monkeypatch, capsys):
+    """Draws of the prior stand for each calibration: their ranks are uniform, and none is certified."""
+
+    def outcome(task):
+        return {
+            "error": np.array(""),
+            "draws": task.space.sample(100, seed=task.seed % 2**32).values,
+            "certified": np.array(False),
+            "error model": np.array("iid" if task.discrepancy == "auto" else task.discrepancy.describe()["kind"]),
+            "true runs": np.array(float(task.plan.true_runs)),
+            "seconds": np.array(1.0),
+        }
+
+    monkeypatch.setattr(simulated_calibrations, "available_cores", lambda: 1)
+    monkeypatch.setattr(simulated_calibrations, "outcome_of", outcome)
+    (tmp_path / "study.toml").write_text(plain("study"))
+    out = tmp_path / "sbc"
+    options = ["--whole", "--replicas", "40", "--noise", "0.1", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", ["structid", "sbc", str(tmp_path / "study.toml"), *options])
+    with pytest.raises(SystemExit) as ended:
+        cli()
+    said = capsys.readouterr().out
+    assert ended.value.code == 0 and "Certified: 0 of 40" in said and "Error models: iid 40." in said
+    assert (out / "sbc.png").is_file() and (out / "simulated.journal").is_file()
 
 
 def test_a_study_with_a_surrogate_is_checked_with_it_if_it_may_stand_in(tmp_path):

@@ -45,7 +45,7 @@ from structid.probability.space import ParameterSpace
 from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.surrogate_list import DEFAULT, load_surrogate
 
-SCHEMA = 13
+SCHEMA = 14
 """Version of the stored rounds, and of the random streams that continue from them."""
 
 LARGEST_OUTSIDE = 0.01

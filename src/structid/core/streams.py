@@ -36,6 +36,7 @@ class Purpose(IntEnum):
 
     REPLICA_TRUTH = 41
     REPLICA_NOISE = 42
+    REPLICA_CALIBRATION = 44
     RANK_JITTER = 43
 
     BESIDE = 34

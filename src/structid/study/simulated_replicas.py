@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from structid.calibration.simulated_calibrations import NOISE, CalibrationRanks, sbc_of_calibration
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.core.errors import InputError
+from structid.inference.error_model_choice import AUTO
 from structid.inference.validation.simulation_based_calibration import Ranks, sbc
 from structid.study.building.built_study import BuiltStudy
-from structid.study.building.surrogates import fitted_surrogate
+from structid.study.building.surrogates import fitted_surrogate, surrogate_settings
 from structid.study.run import load_of_one_law
 from structid.study.timings import Stage, silent
 from structid.surrogates.base import Surrogate
@@ -60,6 +62,44 @@ def check_by_simulation(
         return ranks, None
     ranks.plot(folder / _FIGURE)
     return ranks, folder / f"{_FIGURE}.png"
+
+
+def check_calibrations_by_simulation(
+    path: str | Path,
+    replicas: int = 100,
+    noise: float = NOISE,
+    out: str | Path | None = None,
+    seed: int | None = None,
+    stage: Stage = silent,
+    executor: Any = None,
+) -> tuple[CalibrationRanks, Path | None]:
+    """Simulate measurements with the model of a study, and make a whole calibration of each; see `sbc_of_calibration`.
+
+    The settings are those of the tables [surrogate], [calibration] and [discrepancy], with their defaults.
+    """
+    study = load_of_one_law(path)
+    if study.posterior is None:
+        raise InputError(f"{path}", "a study without an observation", "a study with a measurement")
+    folder = None if out is None else Path(out)
+    with kept_open(study.model, executor) as workers, stage("calibrating replicas") as progress:
+        found = sbc_of_calibration(
+            study.model,
+            study.posterior.model_space,
+            study.posterior.observations,
+            surrogate_settings(study.file.surrogate) if study.has_surrogate else None,
+            AUTO if study.error_model_is_open else study.posterior.error_model,
+            noise=noise,
+            replicas=replicas,
+            plan=study.plan,
+            seed=study.file.seed if seed is None else seed,
+            store=folder,
+            executor=workers,
+            progress=progress,
+        )
+    if folder is None:
+        return found, None
+    found.ranks.plot(folder / _FIGURE)
+    return found, folder / f"{_FIGURE}.png"
 
 
 def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: Any) -> Surrogate:

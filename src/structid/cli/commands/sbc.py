@@ -18,14 +18,25 @@ def sbc(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Random seed; default: the seed of the study.")] = None,
     executor: Annotated[str, typer.Option(help="Executor for the runs of an external solver.")] = "serial",
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Make a whole calibration of each: error model, surrogate, certificate.")
+    ] = False,
+    noise: Annotated[
+        float, typer.Option(help="With --whole: standard deviation of the noise, divided by the RMS of the response.")
+    ] = 0.05,
 ) -> None:
     """Check by simulation whether the credible intervals of a study have their nominal coverage."""
-    from structid.study.simulated_replicas import check_by_simulation
+    from structid.study.simulated_replicas import check_by_simulation, check_calibrations_by_simulation
 
-    ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)
+    if whole:
+        found, figure = check_calibrations_by_simulation(study, replicas, noise, out, seed, stage, executor)
+        said, calibrated = str(found), found.calibrated
+    else:
+        ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)
+        said, calibrated = str(ranks), ranks.uniform
     screen.print()
-    print_plainly(str(ranks), style="green" if ranks.uniform else "bold red")
+    print_plainly(said, style="green" if calibrated else "bold red")
     if figure is not None:
         print_plainly(f"\nFigure: {figure.resolve()}")
-    if not ranks.uniform:
+    if not calibrated:
         raise typer.Exit(NOT_CONVERGED)

@@ -294,12 +294,21 @@ def _simulated(
     posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """True parameters and simulated observations, (replica, time, channel)."""
+    truth, values = simulated_truths(posterior if simulator is None else posterior.on(simulator), replicas, seed)
+    rng = stream(seed, Purpose.REPLICA_NOISE)
+    for index, bound in enumerate(posterior.likelihood.of):
+        unknown = posterior.unknowns(truth, index)
+        values[index] = values[index] + bound.draw_errors(rng, values[index], unknown, bound.dt, of=noise)
+    return truth, values
+
+
+def simulated_truths(source: Posterior, replicas: int, seed: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Draws of the prior (replica, parameter), and the readings of every observation without errors (replica, time, channel)."""
     rng = stream(seed, Purpose.REPLICA_TRUTH)
-    source = posterior if simulator is None else posterior.on(simulator)
-    truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)
+    truth, values = np.empty((0, source.dimension)), [np.empty(0)] * len(source.observations)
     for attempt in range(10):
-        draws = posterior.space.from_uniform(rng.random((replicas, posterior.dimension)))
-        clean = [source.predict(draws, i) for i in range(len(posterior.observations))]
+        draws = source.space.from_uniform(rng.random((replicas, source.dimension)))
+        clean = [source.predict(draws, i) for i in range(len(source.observations))]
         good = np.stack([np.isfinite(c).all(axis=(1, 2)) for c in clean]).all(axis=0)
         kept = [c[good] for c in clean]
         values = kept if attempt == 0 else [np.concatenate([v, c]) for v, c in zip(values, kept, strict=True)]
@@ -308,9 +317,4 @@ def _simulated(
             break
     else:
         raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
-    truth, values = truth[:replicas], [v[:replicas] for v in values]
-    rng = stream(seed, Purpose.REPLICA_NOISE)
-    for index, bound in enumerate(posterior.likelihood.of):
-        unknown = posterior.unknowns(truth, index)
-        values[index] = values[index] + bound.draw_errors(rng, values[index], unknown, bound.dt, of=noise)
-    return truth, values
+    return truth[:replicas], [v[:replicas] for v in values]
