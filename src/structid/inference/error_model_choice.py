@@ -38,6 +38,9 @@ AUTO = "auto"
 CHOICE_SAMPLER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
 """Sampler of the posterior under each error model."""
 
+MOST_UNCORRELATED = 3
+"""Largest number of error models that `error_models_for` suggests."""
+
 ERRORS_APART = 2.0
 """An error model is preferred to a simpler one if its log evidence is larger by more than this many combined standard errors."""
 
@@ -259,57 +262,74 @@ def choose_among(
     """Choose the error model of a posterior; see `choose_error_model`."""
     if error_models is not None and not error_models:
         raise InputError("choose_error_model(error_models)", "no error model", "one or more")
-    folder = None if store is None else Path(store)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
     usual = usual_error_models(posterior.model)
-    most = len(usual) + 2 if error_models is None else len(error_models)
-    results: list[SamplingResult] = []
-
-    def sample_under(error_models: Iterable[ErrorModel]) -> None:
-        for error_model in error_models:
-            of, index = posterior.on(error_model=error_model), len(results)
-            if error_model.inside and not of.in_lanes and usual_only:
-                continue  # without compiled vector code, a drifting model takes minutes
-            kept = None if folder is None else folder / f"law_{index + 1}.h5"
-
-            def report(done: int, total: int, index: int = index) -> None:
-                if progress is not None:
-                    progress(min(int(100 * (index + done / total) / most), 100), 100)
-
-            results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, index), kept, progress=report))
-
-    usual_only = error_models is None
-    if error_models is not None:
-        sample_under(error_models)
+    if error_models is None:
+        trials = _Trials(posterior, sampler, seed, store, progress, len(usual) + MOST_UNCORRELATED)
+        trials.sample_under(usual[:1])
+        trials.sample_under(error_models_for(trials.results[0]))
+        if not _leaves_white_residuals(trials.best):
+            # Without compiled vector code, a drifting model takes minutes.
+            trials.sample_under(m for m in usual[1:] if not m.inside or posterior.on(error_model=m).in_lanes)
     else:
-        sample_under(usual[:1])
-        sample_under(error_models_for(results[0]))
-        if not _leaves_white_residuals(max(results, key=lambda r: np.nan_to_num(_evidence(r).value, nan=-np.inf))):
-            sample_under(usual[1:])
-    if not any(np.isfinite(_evidence(r).value) for r in results):
+        trials = _Trials(posterior, sampler, seed, store, progress, len(error_models))
+        trials.sample_under(error_models)
+    if not np.isfinite(_evidence(trials.best).value):
         raise ConvergenceError(
             "No error model has a finite log evidence: all simulations of prior draws fail. Check the priors."
         )
-    choice = _told_apart(ErrorModelChoice(tuple(results)), sampler, seed, folder)
+    choice = trials.told_apart()
     if progress is not None:
         progress(100, 100)
     _log.info("%s", choice.said)
     return choice
 
 
-def _told_apart(choice: ErrorModelChoice, sampler: SMC, seed: int, folder: Path | None) -> ErrorModelChoice:
-    """Sample error models again, more finely, if only the errors of their evidences keep them from being told apart."""
-    contenders = choice.contenders
-    if len(contenders) == 1 or max(choice.evidences[index].error for index in contenders) <= LARGEST_ERROR:
-        return choice
-    # Data that determine the parameters to 1e-5 of their prior need many small steps from the prior to the posterior.
-    finer = replace(sampler, particles=2 * sampler.particles, effective_share=0.8, correlation=0.1)
-    results = list(choice.results)
-    for index in contenders:
-        kept = None if folder is None else folder / f"law_{index + 1}_finer.h5"
-        results[index] = sample(_posterior(results[index]), finer, derived_seed(seed, Purpose.LAW_CHOICE, index), kept)
-    return replace(choice, results=tuple(results))
+@dataclass(frozen=True, eq=False)
+class _Trials:
+    """Draws under one error model after another."""
+
+    posterior: Posterior
+    sampler: SMC
+    seed: int
+    store: str | os.PathLike[str] | None
+    progress: Progress | None
+    most: int  # largest number of error models
+    results: list[SamplingResult] = field(default_factory=list)
+
+    @property
+    def best(self) -> SamplingResult:
+        """Draws under the error model with the largest evidence."""
+        return max(self.results, key=lambda r: np.nan_to_num(_evidence(r).value, nan=-np.inf))
+
+    def sample_under(self, error_models: Iterable[ErrorModel]) -> None:
+        """Sample the posterior under further error models."""
+        for error_model in error_models:
+            index = len(self.results)
+            self.results.append(self._sampled(self.posterior.on(error_model=error_model), index, self.sampler))
+
+    def told_apart(self) -> ErrorModelChoice:
+        """Choose, and sample error models again if only the errors of their evidences keep them from being told apart."""
+        choice = ErrorModelChoice(tuple(self.results))
+        contenders = choice.contenders
+        if len(contenders) == 1 or max(choice.evidences[index].error for index in contenders) <= LARGEST_ERROR:
+            return choice
+        # Data that determine the parameters to 1e-5 of their prior need many small steps from the prior to the posterior.
+        finer = replace(self.sampler, particles=2 * self.sampler.particles, effective_share=0.8, correlation=0.1)
+        for index in contenders:
+            self.results[index] = self._sampled(_posterior(self.results[index]), index, finer, "_finer")
+        return ErrorModelChoice(tuple(self.results))
+
+    def _sampled(self, posterior: Posterior, index: int, sampler: SMC, suffix: str = "") -> SamplingResult:
+        kept = None if self.store is None else Path(self.store) / f"law_{index + 1}{suffix}.h5"
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+
+        def report(done: int, total: int) -> None:
+            if self.progress is not None and not suffix:  # what is sampled again has been counted
+                self.progress(min(int(100 * (index + done / total) / self.most), 100), 100)
+
+        seed = derived_seed(self.seed, Purpose.LAW_CHOICE, index)
+        return sample(posterior, sampler, seed, kept, progress=report)
 
 
 def _leaves_white_residuals(result: SamplingResult) -> bool:

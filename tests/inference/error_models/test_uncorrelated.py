@@ -39,7 +39,7 @@ def test_special_functions_against_scipy():
     x = np.exp(np.random.default_rng(0).uniform(-3.0, 6.0, 10_000))
     np.testing.assert_allclose(_log_gamma(x, np), scipy.special.gammaln(x), rtol=1e-12, atol=1e-12)
     x = np.concatenate([np.linspace(0.0, 40.0, 10_001), np.logspace(1, 7, 100)])
-    np.testing.assert_allclose(_log_normal_tail(x, np), scipy.stats.norm.logsf(x), rtol=1e-13)
+    np.testing.assert_allclose(_log_normal_tail(x, np), scipy.stats.norm.logsf(x), rtol=1e-13, atol=1e-9)
 
 
 def test_densities_against_scipy():
@@ -48,7 +48,7 @@ def test_densities_against_scipy():
     np.testing.assert_allclose(found, scipy.stats.t.logpdf(residual, 4.0, scale=np.sqrt(2.0)), rtol=1e-12)
     cell = scipy.stats.norm.cdf(residual + 1.0, scale=3.0) - scipy.stats.norm.cdf(residual - 1.0, scale=3.0)
     found = si.Quantised(variance=9.0, resolution=2.0).pointwise(residual, {}, ("velocity",), 0.01, response=residual)
-    np.testing.assert_allclose(found, np.log(cell / 2.0), rtol=1e-10)
+    np.testing.assert_allclose(found, np.log(cell / 2.0), atol=1e-8)
 
 
 def test_a_grid_is_found_where_there_is_one():

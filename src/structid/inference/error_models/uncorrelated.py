@@ -37,8 +37,8 @@ OFF_THE_GRID = 0.01
 SMALLEST_STEP = 1e-9
 """Smallest step of a grid relative to the largest value; smaller differences are round-off of floating-point numbers."""
 
-TERMS = 24
-"""Number of terms of the Chebyshev series of log erfcx, whose error is 1e-14."""
+TERMS = 14
+"""Number of terms of the Chebyshev series of log erfcx, whose error is 3e-10."""
 
 
 class Uncorrelated(Parametric):
