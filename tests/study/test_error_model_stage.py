@@ -68,7 +68,11 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
         outcome = run_study(written(tmp_path, text), tmp_path / "out")
         again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     choice, calibration = outcome.results[ErrorModelChoice], outcome.results[CalibrationResult]
-    assert choice is calibration.error_model_choice and choice.error_models == ("iid", "ar1", "damped cosine")
+    assert choice is calibration.error_model_choice and choice.error_models[0] == "iid"
+    assert choice.error_models[-2:] == (
+        "ar1",
+        "damped cosine",
+    )  # and before them what heavy tails and uneven errors call for
     law = choice.posterior.error_model.describe()["kind"]
     assert (
         law != "iid"

@@ -114,19 +114,17 @@ def thin_modes(
     target: Target,
     particles: Float[np.ndarray, "particle parameter"],
     log_density: Float[np.ndarray, " particle"],
-    scouts: Float[np.ndarray, "scout parameter"],
+    starts: Float[np.ndarray, "start parameter"],
     log_evidence: float,
 ) -> list[Mode]:
     """Search for modes with far fewer particles than their mass asks for: a spike inside a wide mode, without a valley between.
 
-    Searches climb from the densest particles and scouts. The mass of a maximum comes from its curvature.
+    Searches climb from the densest particles and further points. The mass of a maximum comes from its curvature.
     """
     explored = _Known(target, particles, log_density)
     modes: list[Mode] = []
     thin: list[Mode] = []
-    density = explored.density(scouts)
-    densest = scouts[np.argsort(-np.nan_to_num(density, nan=-np.inf), kind="stable")[:SEARCHES]]
-    for start in (*(centre for centre, _ in explored.centres), *densest):
+    for start in (*(centre for centre, _ in explored.centres), *starts):
         if any(known.covers(start[None])[0] for known in modes):
             continue
         mode = _climbed(explored, start)
@@ -136,6 +134,19 @@ def thin_modes(
             thin.append(mode)
         modes.append(mode)
     return thin
+
+
+def densest(
+    points: Float[np.ndarray, "point parameter"], log_density: Float[np.ndarray, " point"]
+) -> Float[np.ndarray, "dense_point parameter"]:
+    """The points of highest log density, and those where it exceeds most what a trend over all points predicts."""
+    # Once each, and in their order: the trend is fitted to the first ones.
+    once = np.sort(np.unique(points, axis=0, return_index=True)[1])
+    points, log_density = points[once], log_density[once]
+    points, log_density = points[np.isfinite(log_density)], log_density[np.isfinite(log_density)]
+    highest = np.argsort(-log_density, kind="stable")[:SEARCHES]
+    above = np.argsort(-_above_trend(points, log_density), kind="stable")[:SEARCHES]
+    return np.asarray(points[np.union1d(highest, above)])
 
 
 def all_modes(

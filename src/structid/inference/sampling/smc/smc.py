@@ -30,7 +30,7 @@ from structid.inference.sampling.base import (
 )
 from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.smc.bridge_sampling import evidence_of
-from structid.inference.sampling.smc.lost_modes import lost_modes, thin_modes
+from structid.inference.sampling.smc.lost_modes import Mode, densest, lost_modes, thin_modes
 from structid.inference.sampling.smc.particle_mixing import still_moving
 from structid.inference.sampling.smc.proposal_weights import evidence_of_proposals
 from structid.inference.sampling.smc.reference_density import FromReference
@@ -44,6 +44,8 @@ EVALUATIONS = (1.4, 25.0)
 the second; see `SMC.evaluations`. Posteriors of 5 to 36 parameters take half to twice as many."""
 NEGLIGIBLE = 1e-3
 """Mass of a lost mode, relative to the mass found, below which particles do not restart."""
+RISEN = 0.01
+"""Mass of a mode that has risen at β = 1, relative to the evidence, from which the particles restart."""
 MORE_BY = 3.0
 """Standard errors by which the evidence of a second tempering run must exceed the first's to replace it."""
 
@@ -165,8 +167,16 @@ class SMC(Sampler):
         if self._may_have_lost(blocks):
             reference = self._around_lost_modes(target, seed, blocks)
             if reference is not None:
-                self._to_the_posterior(reference, seed, blocks, keep, progress, again=True)
-        self._in_the_posterior(target, seed, blocks, keep, progress)
+                self._to_the_posterior(reference, seed, blocks, keep, progress, ordinal=1)
+        if not _restarted(blocks):
+            self._in_the_posterior(target, seed, blocks, keep, progress)
+        temperings, moves = _divided(blocks)
+        if _restarted(blocks) or moves[-1]["risen"][-1]:
+            ordinal = len(temperings) - _restarted(blocks)
+            if not moves or not _restarted(blocks):
+                reference = self._around_risen_modes(target, blocks)
+                self._to_the_posterior(reference, seed, blocks, keep, progress, ordinal)
+            self._in_the_posterior(target, seed, blocks, keep, progress)
         return self._drawn(blocks)
 
     def _refuse(self, target: Target, start: np.ndarray | None) -> None:
@@ -189,15 +199,15 @@ class SMC(Sampler):
         blocks: list[Block],
         keep: Keep,
         progress: Progress | None,
-        again: bool = False,
+        ordinal: int = 0,
     ) -> None:
-        """Append a block for each tempering step until β = 1; `again` marks a second run from another reference."""
+        """Append a block for each tempering step until β = 1; `ordinal` counts the runs from other references before this one."""
         temperings, _ = _divided(blocks)
-        if len(temperings) <= again:
-            population = starting_population(self, target, seed, int(again))
+        if len(temperings) <= ordinal:
+            population = starting_population(self, target, seed, ordinal)
             self._append(block_of([population], [], []), blocks, keep)
-        population, first = Population.of(blocks[-1]), len(_divided(blocks)[0][0]) if again else 0
-        while population.exponent < 1.0 and len(_divided(blocks)[0]) == 1 + again:
+        population, first = Population.of(blocks[-1]), len(blocks) - len(_divided(blocks)[0][-1])
+        while population.exponent < 1.0 and len(_divided(blocks)[0]) == 1 + ordinal:
             number = len(blocks)
             if number - first == MOST_STAGES:
                 raise ConvergenceError(
@@ -218,7 +228,9 @@ class SMC(Sampler):
     def _may_have_lost(self, blocks: list[Block]) -> bool:
         """Whether to search for lost modes: after the first tempering run, and while a second is in progress."""
         temperings, moves = _divided(blocks)
-        return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
+        if self.scouts == 0 or moves or _restarted(blocks):
+            return False
+        return len(temperings) == 1 or bool(temperings[1][-1]["exponent"][-1] < 1.0)
 
     def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
         """A reference density around known modes, lost ones, and those with too few particles; None if there are none of these."""
@@ -228,8 +240,24 @@ class SMC(Sampler):
         particles = end.phi.reshape(-1, target.dimension), end.log_density.ravel()
         evidence = _evidence(stages[0]).value
         lost = [m for m in lost_modes(target, *particles, scouts) if m.log_mass > evidence + np.log(NEGLIGIBLE)]
-        modes = lost + thin_modes(target, *particles, scouts, evidence)
+        modes = lost + thin_modes(target, *particles, densest(scouts, target.evaluate(scouts)[0]), evidence)
         return FromReference(target, EnsembleState(end.phi, end.log_density), modes) if modes else None
+
+    def _risen_modes(self, target: Target, blocks: list[Block]) -> list[Mode]:
+        """Narrow modes that particles have reached while they moved at β = 1, and where too few of them are."""
+        temperings, moves = _divided(blocks)
+        phi, log_density = (np.concatenate([b[name] for b in moves]) for name in ("phi", "log_density"))
+        phi, log_density = phi.reshape(-1, target.dimension), log_density.ravel()
+        evenly = np.linspace(0, len(phi) - 1, self.ensembles * self.particles).astype(int)
+        evidence = _fullest(temperings)[1].value
+        modes = thin_modes(target, phi[evenly], log_density[evenly], densest(phi, log_density), evidence)
+        return [mode for mode in modes if mode.log_mass > evidence + np.log(RISEN)]
+
+    def _around_risen_modes(self, target: Target, blocks: list[Block]) -> FromReference:
+        """A reference density around known and risen modes."""
+        before = blocks[: len(blocks) - len(_divided(blocks)[0][-1])] if _restarted(blocks) else blocks
+        end = Population.of(before[-1])
+        return FromReference(target, EnsembleState(end.phi, end.log_density), self._risen_modes(target, before))
 
     def _in_the_posterior(
         self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
@@ -240,7 +268,11 @@ class SMC(Sampler):
         for index, length in enumerate(block_lengths(self.steps)):
             if index < len(moves):
                 continue
-            population, block = run_moves(self, target, population, stream(seed, Purpose.SMC_MOVES, index), length)
+            number = index + len(temperings) * _restarted(blocks) * MOST_STAGES
+            population, block = run_moves(self, target, population, stream(seed, Purpose.SMC_MOVES, number), length)
+            is_last = (index + 1) * BLOCK_STEPS >= self.steps
+            if is_last and self.scouts > 0 and not _restarted(blocks):
+                block["risen"][-1] = bool(self._risen_modes(target, [*blocks, block]))
             self._append(block, blocks, keep)
             if progress is not None:
                 progress(50 + 50 * min((index + 1) * BLOCK_STEPS, self.steps) // self.steps, 100)
@@ -261,13 +293,22 @@ class SMC(Sampler):
 def _divided(blocks: list[Block]) -> tuple[list[list[Block]], list[Block]]:
     """The blocks of each tempering run, which begins at β = 0, and the blocks of the moves at β = 1 after the last run."""
     temperings: list[list[Block]] = []
+    moves: list[Block] = []
     for number, block in enumerate(blocks):
         if block["exponent"][0] == 0.0:
-            temperings.append([])
+            temperings.append([block])
+            moves = []
         elif blocks[number - 1]["exponent"][-1] == 1.0:
-            return temperings, blocks[number:]
-        temperings[-1].append(block)
-    return temperings, []
+            moves.append(block)
+        else:
+            temperings[-1].append(block)
+    return temperings, moves
+
+
+def _restarted(blocks: list[Block]) -> bool:
+    """Whether a tempering run began after moves at β = 1, around modes that had risen during them."""
+    temperings, moves = _divided(blocks)
+    return len(blocks) > len(moves) + sum(map(len, temperings))
 
 
 def _evidence(stages: list[Block]) -> Evidence:
@@ -277,11 +318,12 @@ def _evidence(stages: list[Block]) -> Evidence:
 
 
 def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
-    """The tempering run to use: the second if its evidence is larger, since lost mass is missing from the evidence."""
-    evidences = [(stages, _evidence(stages)) for stages in temperings]
-    first, last = evidences[0], evidences[-1]
-    more, error = last[1] - first[1]
-    return last if more > MORE_BY * error else first
+    """The tempering run to use: a later one if its evidence is larger, since lost mass is missing from the evidence."""
+    best, *others = [(stages, _evidence(stages)) for stages in temperings]
+    for other in others:
+        more, error = other[1] - best[1]
+        best = other if more > MORE_BY * error else best
+    return best
 
 
 def _more_precise(tempering: Evidence, proposals: Evidence | None) -> Evidence:
@@ -291,5 +333,5 @@ def _more_precise(tempering: Evidence, proposals: Evidence | None) -> Evidence:
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
     """The blocks of the tempering steps and of the later moves, without a last block that a shorter run truncated."""
-    temperings, moves = _divided(blocks)
-    return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))
+    _, moves = _divided(blocks)
+    return blocks[: len(blocks) - len(moves)] + without_cut_off(moves, list(block_lengths(steps)))

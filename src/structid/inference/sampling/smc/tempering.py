@@ -227,5 +227,6 @@ def block_of(
         "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
         "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
         "left": np.full(len(populations), left),
+        "risen": np.zeros(len(populations), dtype=bool),
         "proposed": np.stack(proposed) if proposed else np.tile(NOTHING, (*block["prior"].shape[:2], 1)),
     }
