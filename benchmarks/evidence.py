@@ -1,13 +1,15 @@
 """Accuracy of the evidence from tempered SMC within its stated error, and detection of wrong values.
 
-Run with ``python benchmarks/evidence.py [--quick]``. Nested sampling by dynesty, with default settings, serves for comparison.
+Run with ``python benchmarks/evidence.py [--quick]``. Nested sampling by dynesty and UltraNest, with default settings, serves for
+comparison.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import common
@@ -20,9 +22,14 @@ import scipy.stats
 import structid as si
 
 NAME = "evidence"
-SEEDS, QUICK_SEEDS = 20, 2
-PEER_SEEDS, PEER_DIMENSION = 3, 10
-"""Nested sampling takes minutes in 20 dimensions."""
+SEEDS, QUICK_SEEDS = 10, 2
+PEER_SEEDS = 3
+FOR_PEERS = 10
+"""Largest dimension for the peers, which take tens of minutes in 20, apart from one case."""
+MOST_CALLS = 1_000_000
+"""Calls after which UltraNest is stopped."""
+RIGHT = 3.0
+"""Largest error of a right log evidence, in its stated errors."""
 HALF_WIDTH = 10.0
 NARROW, WIDE, MODE = 0.15, 0.3, 3.0
 """Widths of the modes, and their position: ±3 in every coordinate."""
@@ -82,21 +89,100 @@ def funnel(dimension: int) -> Case:
     return Case("funnel", dimension, density, FUNNEL_WIDTH, float(np.log(whole)))
 
 
+def shells(dimension: int) -> Case:
+    """Two spherical shells of radius 2 and width 0.1, 7 apart (F. Feroz & M. Hobson 2008, doi 10.1111/j.1365-2966.2007.12353.x)."""
+    radius, width = 2.0, 0.1
+    centre = np.zeros(dimension)
+    centre[0] = 3.5
+
+    def density(x: np.ndarray) -> np.ndarray:
+        distances = (np.linalg.norm(x - centre, axis=1), np.linalg.norm(x + centre, axis=1))
+        return np.logaddexp(*(normal(distance, radius, width) for distance in distances))
+
+    sphere = np.log(2.0) + 0.5 * dimension * np.log(np.pi) - scipy.special.gammaln(0.5 * dimension)
+    inside = scipy.integrate.quad(lambda r: r ** (dimension - 1) * np.exp(normal(r, radius, width)), 1.0, 3.0)[0]
+    return Case("two shells", dimension, density, 6.0, float(np.log(2.0) + sphere + np.log(inside)))
+
+
+def eggbox() -> Case:
+    """(2 + cos ½x cos ½y)⁵ over a square of 10π, with eighteen modes (same source)."""
+
+    def density(x: np.ndarray) -> np.ndarray:
+        return (2.0 + np.prod(np.cos(0.5 * (x + 5.0 * np.pi)), axis=1)) ** 5
+
+    side = np.linspace(-5.0 * np.pi, 5.0 * np.pi, 4001)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    logs = density(grid).reshape(4001, 4001)
+    weights = np.exp(logs - logs.max())
+    whole = scipy.integrate.trapezoid(scipy.integrate.trapezoid(weights, side), side)
+    return Case("eggbox", 2, density, 5.0 * np.pi, float(np.log(whole) + logs.max()))
+
+
+def rosenbrock(dimension: int) -> Case:
+    """Σ over pairs of −(1 − x)² − 100 (y − x²)², in a box of ±5."""
+
+    def of_pair(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return -((1.0 - x) ** 2) - 100.0 * (y - x**2) ** 2
+
+    def density(x: np.ndarray) -> np.ndarray:
+        return of_pair(x[:, ::2], x[:, 1::2]).sum(axis=1)
+
+    def inside(x: float) -> float:
+        both = scipy.special.erf(10.0 * (5.0 - x**2)) + scipy.special.erf(10.0 * (5.0 + x**2))
+        return float(np.exp(-((1.0 - x) ** 2)) * np.sqrt(np.pi) / 20.0 * both)
+
+    whole = scipy.integrate.quad(inside, -5.0, 5.0, points=[-(5.0**0.5), 5.0**0.5], limit=200)[0]
+    return Case("Rosenbrock", dimension, density, 5.0, 0.5 * dimension * float(np.log(whole)))
+
+
+def heavy_tails(dimension: int) -> Case:
+    """Multivariate t with ν = 2, in a box of ±30."""
+    half_width, nu = 30.0, 2.0
+    law = scipy.stats.multivariate_t(np.zeros(dimension), np.eye(dimension), df=nu)
+
+    def inside(chi: float) -> float:
+        share = scipy.special.erf(half_width * np.sqrt(0.5 * chi / nu)) ** dimension
+        return float(share * scipy.stats.chi2.pdf(chi, nu))
+
+    whole = scipy.integrate.quad(inside, 0.0, 60.0, points=[1e-3, 1e-2, 0.1, 1.0], limit=500)[0]
+    return Case("t with ν = 2", dimension, law.logpdf, half_width, float(np.log(whole)))
+
+
+def correlated(dimension: int) -> Case:
+    """Gaussian density with unit variances and correlations of 0.95, well inside its box."""
+    matrix = np.full((dimension, dimension), 0.95) + 0.05 * np.eye(dimension)
+    law = scipy.stats.multivariate_normal(np.zeros(dimension), matrix)
+    return Case("Gaussian with correlations of 0.95", dimension, lambda x: np.atleast_1d(law.logpdf(x)))
+
+
 def cases() -> list[Case]:
-    """All densities, in 10 and 20 dimensions."""
+    """All densities."""
     makers: tuple[Callable[[int], Case], ...] = (
         gaussian,
         lambda d: two_modes("two equal modes", d, WIDE, 0.5),
         lambda d: two_modes("one mode half as wide, with twice the mass", d, NARROW, 2.0 / 3.0),
         funnel,
     )
-    return [make(dimension) for make in makers for dimension in (10, 20)]
+    further = [shells(2), shells(10), eggbox(), rosenbrock(2), rosenbrock(6), heavy_tails(5), correlated(20)]
+    return [*(make(dimension) for make in makers for dimension in (10, 20)), *further]
+
+
+class Counted:
+    """A density that counts the points at which it is computed."""
+
+    def __init__(self, density: LogPdf) -> None:
+        self._density, self.calls = density, 0
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Return the log density."""
+        self.calls += len(x)
+        return np.atleast_1d(self._density(x))
 
 
 def ours(case: Case, seed: int) -> dict[str, float]:
     """Run SMC once with default settings."""
-    began = time.perf_counter()
-    result = si.sample(case.target, si.SMC(), seed=seed)
+    began, counted = time.perf_counter(), Counted(case.density)
+    result = si.sample(replace(case, density=counted).target, si.SMC(), seed=seed)
     evidence = result.log_evidence
     assert evidence is not None
     error = evidence.value - case.log_evidence
@@ -105,54 +191,88 @@ def ours(case: Case, seed: int) -> dict[str, float]:
         "error": error,
         "z": error / evidence.error,
         "believed": float(believed),
+        "calls": float(counted.calls),
         "seconds": time.perf_counter() - began,
     }
 
 
-def nested(case: Case, seed: int) -> dict[str, float]:
+def with_dynesty(case: Case, seed: int) -> dict[str, float]:
     """Run dynesty's static sampler once with default settings."""
-    calls = 0
-
-    def likelihood(x: np.ndarray) -> float:
-        nonlocal calls
-        calls += 1
-        return float(case.density(x[None])[0] + case.dimension * np.log(2.0 * case.half_width))
-
+    counted, volume = Counted(case.density), case.dimension * np.log(2.0 * case.half_width)
     began = time.perf_counter()
     sampler = dynesty.NestedSampler(
-        likelihood,
+        lambda x: float(counted(x[None])[0] + volume),
         lambda u: case.half_width * (2.0 * u - 1.0),
         case.dimension,
         rstate=np.random.default_rng(seed),
     )
     sampler.run_nested(print_progress=False)
-    error = float(sampler.results.logz[-1]) - case.log_evidence
-    return {"error": error, "z": error / float(sampler.results.logzerr[-1]), "seconds": time.perf_counter() - began}
+    return peer_run(case, float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1]), counted.calls, began)
 
 
-def row(case: Case, runs: list[dict[str, float]], peers: list[dict[str, float]]) -> list[str]:
+def with_ultranest(case: Case, seed: int) -> dict[str, float]:
+    """Run UltraNest's reactive sampler once with default settings, many points at once."""
+    from ultranest import ReactiveNestedSampler
+
+    counted, volume = Counted(case.density), case.dimension * np.log(2.0 * case.half_width)
+    np.random.seed(seed)  # noqa: NPY002 - the only source of UltraNest
+    began = time.perf_counter()
+    sampler = ReactiveNestedSampler(
+        [f"x{i}" for i in range(case.dimension)],
+        lambda x: counted(x) + volume,
+        lambda u: case.half_width * (2.0 * u - 1.0),
+        vectorized=True,
+    )
+    found = sampler.run(show_status=False, viz_callback=None, max_ncalls=MOST_CALLS)
+    return peer_run(case, float(found["logz"]), float(found["logzerr"]), counted.calls, began)
+
+
+def peer_run(case: Case, value: float, stated: float, calls: int, began: float) -> dict[str, float]:
+    """What one run of a peer gives."""
+    error = value - case.log_evidence
+    return {"error": error, "z": error / stated, "calls": float(calls), "seconds": time.perf_counter() - began}
+
+
+PEERS: dict[str, Callable[[Case, int], dict[str, float]]] = {"dynesty": with_dynesty, "UltraNest": with_ultranest}
+
+
+def of_peers(case: Case) -> dict[str, list[dict[str, float]]]:
+    """Runs of every peer that is installed."""
+    found: dict[str, list[dict[str, float]]] = {}
+    for name, peer in PEERS.items():
+        if importlib.util.find_spec(name.lower()) is not None:
+            found[name] = [peer(case, seed) for seed in range(PEER_SEEDS)]
+    return found
+
+
+def column(rows: list[dict[str, float]], name: str) -> np.ndarray:
+    return np.array([r[name] for r in rows])
+
+
+def cells(runs: list[dict[str, float]]) -> list[str]:
+    """Errors, right runs, calls and seconds of one program."""
+    if not runs:
+        return ["–"] * 4
+    errors, right = column(runs, "error"), np.abs(column(runs, "z")) <= RIGHT
+    return [
+        f"{errors.mean():+.2f} ± {errors.std():.2f}",
+        f"{right.sum()} of {len(runs)}",
+        f"{np.median(column(runs, 'calls')) / 1e3:.0f}",
+        f"{np.median(column(runs, 'seconds')):.0f}",
+    ]
+
+
+def row(case: Case, runs: list[dict[str, float]], peers: dict[str, list[dict[str, float]]]) -> list[str]:
     """A row of the table."""
-
-    def column(rows: list[dict[str, float]], name: str) -> np.ndarray:
-        return np.array([r[name] for r in rows])
-
-    def errors(rows: list[dict[str, float]]) -> str:
-        found = column(rows, "error")
-        return f"{found.mean():+.2f} ± {found.std():.2f}"
-
     believed = column(runs, "believed") > 0.0
     worst = f"{np.abs(column(runs, 'z'))[believed].max():.1f}" if believed.any() else "none accepted"
-    peer = ["–", "–", "–"]
-    if peers:
-        peer = [errors(peers), f"{np.abs(column(peers, 'z')).max():.1f}", f"{np.median(column(peers, 'seconds')):.0f}"]
-    seconds = f"{np.median(column(runs, 'seconds')):.0f}"
     return [
         f"{case.name}, d = {case.dimension}",
-        errors(runs),
+        *cells(runs),
         f"{believed.sum()} of {len(runs)}",
         worst,
-        seconds,
-        *peer,
+        *cells(peers.get("dynesty", [])),
+        *cells(peers.get("UltraNest", [])),
     ]
 
 
@@ -162,28 +282,27 @@ def main() -> None:
     rows: list[list[str]] = []
     for case in cases()[:: 4 if quick else 1]:
         runs = [ours(case, seed) for seed in range(QUICK_SEEDS if quick else SEEDS)]
-        wanted = case.dimension <= PEER_DIMENSION and not quick
-        peers = [nested(case, seed) for seed in range(PEER_SEEDS)] if wanted else []
-        found: dict[str, Any] = {"case": case.name, "dimension": case.dimension, "runs": runs, "nested": peers}
+        wanted = case.dimension <= FOR_PEERS or case.name.startswith("Gaussian with")
+        peers = of_peers(case) if wanted and not quick else {}
+        found: dict[str, Any] = {"case": case.name, "dimension": case.dimension, "runs": runs, "peers": peers}
         common.record_result(NAME, quick=quick, **found)
         rows.append(row(case, runs, peers))
         print(rows[-1], flush=True)
+    each = ["error of log Z", "right", "thousand calls", "seconds"]
     header = [
         "density",
-        "error of log Z",
+        *each,
         "accepted",
         "largest accepted error [stated errors]",
-        "seconds",
-        "dynesty: error of log Z",
-        "dynesty: largest error [stated errors]",
-        "dynesty: seconds",
+        *(f"{name}: {of_one}" for name in PEERS for of_one in each),
     ]
     text = f"""
 # Evidence
 
-{common.machine("dynesty")}. Each row has {SEEDS} seeds of `SMC()` and {PEER_SEEDS} seeds of dynesty's static sampler, both with
-default settings. A run is accepted if its particles were stationary and its verdict is *converged*. The modes are at ±3 in every
-coordinate; the prior range is −10 to 10.
+`benchmarks/evidence.py`. {common.machine("dynesty", "ultranest")}. Each row has {SEEDS} seeds of `SMC()`, {PEER_SEEDS} seeds of
+dynesty's static sampler and {PEER_SEEDS} of UltraNest's reactive sampler, all with default settings; UltraNest is stopped after
+{MOST_CALLS / 1e6:g} million calls. A log evidence is right if it lies within {RIGHT:g} of its stated errors. A run is accepted if
+its particles were stationary and its verdict is *converged*. The modes are at ±3 in every coordinate of a box of ±10.
 
 {common.markdown_table(header, rows)}
 """
