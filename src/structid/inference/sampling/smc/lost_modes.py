@@ -32,6 +32,8 @@ ROUNDS = 4
 """Largest number of rounds; in a curved posterior, straight paths cross valleys even without a further mode."""
 TREND = 20
 """Points per coefficient for fitting a trend of the log density."""
+FARTHEST_BELOW = 1e6
+"""Distance below the largest log density [nat] beyond which a point says nothing of a trend near the modes."""
 IN_A_PART = 10_000
 """Number of points at which the trend is evaluated at once."""
 LENGTHS = (0.25, 0.5, 1.0, 2.0)
@@ -143,7 +145,10 @@ def densest(
     # Once each, and in their order: the trend is fitted to the first ones.
     once = np.sort(np.unique(points, axis=0, return_index=True)[1])
     points, log_density = points[once], log_density[once]
-    points, log_density = points[np.isfinite(log_density)], log_density[np.isfinite(log_density)]
+    near = log_density > np.max(log_density, initial=-np.inf) - FARTHEST_BELOW
+    points, log_density = points[near], log_density[near]
+    if len(points) <= 2 * SEARCHES:
+        return points
     highest = np.argsort(-log_density, kind="stable")[:SEARCHES]
     above = np.argsort(-_above_trend(points, log_density), kind="stable")[:SEARCHES]
     return np.asarray(points[np.union1d(highest, above)])
