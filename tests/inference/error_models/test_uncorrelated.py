@@ -124,3 +124,12 @@ def test_errors_on_another_record_follow_its_response():
         prediction.response[:, large, 0]
     ).mean(axis=0)
     assert np.median(ratio) == pytest.approx(0.1, rel=0.25)
+
+
+def test_a_gap_is_no_value_off_the_grid():
+    """Rounded values with an offset, of which some are missing."""
+    values = rounded() + 0.3 * 2.0 * np.abs(CLEAN).max() / 2**7
+    values[50:80] = np.nan
+    posterior = si.Posterior(SPACE, MODEL, si.Observation(RECORD, values), si.Quantised())
+    [step] = posterior.likelihood.of[0].discrepancy.describe()["resolution"].values()
+    assert step == pytest.approx(2.0 * np.abs(CLEAN).max() / 2**7, rel=1e-9)

@@ -166,7 +166,7 @@ class Discrepancy(ErrorModel):
         Parameters
         ----------
         values : ndarray, shape (time, channel)
-            The measurement in SI; NaN for a missing value.
+            The measurement in SI, divided by the known standard deviations if there are some; NaN for a missing value.
         channels : tuple of str
             Names of its channels.
 

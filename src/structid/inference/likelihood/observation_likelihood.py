@@ -86,7 +86,8 @@ class ObservationLikelihood:
         model_error: bool = False,
     ) -> None:
         self.model, self.observation = model, observation
-        self.discrepancy = discrepancy.bound_to(observation.weighted(observation.values), observation.channels)
+        relative = observation.values if observation.sd is None else observation.values / np.asarray(observation.sd)
+        self.discrepancy = discrepancy.bound_to(relative, observation.channels)
         self._space, self._model_error = space, model_error
         self.labels = dict(own)  # names in θ of the observation's own parameters, by their plain names
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
