@@ -54,6 +54,10 @@ class Uncorrelated(Parametric):
     def sd(self, values: Mapping[str, Any], channels: tuple[str, ...], response: Any, numpy: Any) -> Any:
         """Standard deviation (…, channel, run) of normal errors with as much information on the response."""
 
+    def _of_draws(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int) -> dict[str, np.ndarray]:
+        """Every parameter as an array (run, 1, channel), for draws (run, time, channel)."""
+        return {name: x.T[:, None, :] for name, x in self._values(unknown, channels, runs, np).items()}
+
     # --- the likelihood -----------------------------------------------------------------------------------------
 
     def log_likelihood(
@@ -196,7 +200,7 @@ class Student(Uncorrelated):
         dt: float,
     ) -> Float[np.ndarray, "run time channel"]:
         """Draw ε = σ n/√(χ²/ν); see `Discrepancy.draw`."""
-        values = {name: x.T[:, None, :] for name, x in self._values(unknown, channels, shape[0], np).items()}
+        values = self._of_draws(unknown, channels, shape[0])
         draws = rng.standard_t(np.broadcast_to(values["degrees_of_freedom"], shape))
         return np.asarray(np.sqrt(values["variance"]) * draws)
 
@@ -261,7 +265,7 @@ class Proportional(Uncorrelated):
         response: Float[np.ndarray, "run time channel"] | None = None,
     ) -> Float[np.ndarray, "run time channel"]:
         """Draw normal errors of this size; see `Discrepancy.draw`."""
-        values = {name: x.T[:, None, :] for name, x in self._values(unknown, channels, shape[0], np).items()}
+        values = self._of_draws(unknown, channels, shape[0])
         return np.asarray(rng.standard_normal(shape) * self.sd(values, channels, response, np))
 
 
@@ -365,7 +369,7 @@ class Quantised(Uncorrelated):
         response: Float[np.ndarray, "run time channel"] | None = None,
     ) -> Float[np.ndarray, "run time channel"]:
         """Draw the errors of values rounded to multiples of q; see `Discrepancy.draw`."""
-        sd = np.sqrt(self._values(unknown, channels, shape[0], np)["variance"]).T[:, None, :]
+        sd = np.sqrt(self._of_draws(unknown, channels, shape[0])["variance"])
         step, exact = self._steps(channels)[:, 0], np.asarray(response)
         return np.asarray(np.round((exact + sd * rng.standard_normal(shape)) / step) * step - exact)
 

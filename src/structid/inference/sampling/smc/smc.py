@@ -170,14 +170,17 @@ class SMC(Sampler):
                 self._to_the_posterior(reference, seed, blocks, keep, progress, ordinal=1)
         if not _restarted(blocks):
             self._in_the_posterior(target, seed, blocks, keep, progress)
-        temperings, moves = _divided(blocks)
-        if _restarted(blocks) or moves[-1]["risen"][-1]:
-            ordinal = len(temperings) - _restarted(blocks)
-            if not moves or not _restarted(blocks):
-                reference = self._around_risen_modes(target, blocks)
-                self._to_the_posterior(reference, seed, blocks, keep, progress, ordinal)
-            self._in_the_posterior(target, seed, blocks, keep, progress)
+        if _restarted(blocks) or _divided(blocks)[1][-1]["risen"][-1]:
+            self._restart(target, seed, blocks, keep, progress)
         return self._drawn(blocks)
+
+    def _restart(self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None) -> None:
+        """Temper and move once more, from a reference density around risen modes; or go on with it."""
+        (temperings, moves), restarted = _divided(blocks), _restarted(blocks)
+        if not (restarted and moves):
+            reference = self._around_risen_modes(target, blocks)
+            self._to_the_posterior(reference, seed, blocks, keep, progress, len(temperings) - restarted)
+        self._in_the_posterior(target, seed, blocks, keep, progress)
 
     def _refuse(self, target: Target, start: np.ndarray | None) -> None:
         """Refuse starting points, and too few particles."""
