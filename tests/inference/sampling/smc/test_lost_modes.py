@@ -62,6 +62,22 @@ def test_without_scouts_it_is_lost():
     assert "basin" not in str(evidence)
 
 
+def test_derivatives_whose_squares_overflow_are_climbed():
+    """Data without noise: the log density −r²/σ² − n ln σ² has no largest value, and slopes beyond 1e154."""
+
+    def density(x):
+        return -(x[:, 0] ** 2) * np.exp(-x[:, 1]) - 200.0 * x[:, 1]
+
+    particles = np.random.default_rng(1).normal((0.5, -500.0), (0.1, 1.0), (50, 2))
+    target = boxed(density, 2, 600.0)
+    phi = target.bijection.inverse(particles)
+    log_density = target.evaluate(phi)[0]
+    assert np.ptp(log_density) > 1e200
+    for mode in thin_modes(target, phi, log_density, phi[:2], 0.0):
+        assert np.isfinite(mode.middle).all()
+        assert np.isfinite(mode.factor).all()
+
+
 def test_where_nothing_is_lost_the_scouts_change_nothing():
     target = boxed(lambda x: normal(x, 0.5, np.geomspace(0.05, 1.0, 5)).sum(axis=1), 5)
     looked, not_looked = (si.sample(target, replace(SMALL, scouts=count), seed=1) for count in (1, 0))
@@ -161,10 +177,7 @@ def test_a_run_that_begins_again_is_killed_and_goes_on_to_the_same_bits(tmp_path
 
 @pytest.mark.slow
 def test_particles_that_have_not_reached_the_neck_of_a_funnel_say_so():
-    """Without a restart; with one around the neck, the evidence is right, and the chains are still too short."""
-    again = si.sample(funnel(10), replace(SMALL, steps=60), seed=1)
-    assert not again.verdict().converged and abs(again.log_evidence.value) < 4.0 * again.log_evidence.error
-    result = si.sample(funnel(10), replace(SMALL, steps=60, scouts=0), seed=1)
+    result = si.sample(funnel(10), replace(SMALL, steps=60), seed=1)
     assert not result.verdict().converged
     assert "not in equilibrium" in str(result.verdict()) and "missing from the draws and the evidence" in str(
         result.verdict()

@@ -40,6 +40,8 @@ LENGTHS = (0.25, 0.5, 1.0, 2.0)
 """Step lengths uphill, relative to the distance to a fitted parabola's maximum."""
 STEP = 1e-5
 """Step of finite differences, in unconstrained coordinates."""
+STEEPEST = 1e100
+"""Largest derivative of a log density; noise-free data have no largest density, and derivatives of 1e199 near it."""
 WIDEST = 10.0
 """Largest standard deviation that a mode's curvature may imply, in unconstrained coordinates."""
 
@@ -278,12 +280,12 @@ def _climbed(explored: _Known, start: np.ndarray) -> Mode:
             return _finite((values[1] - values[0]) / (2.0 * STEP))
 
     optimum = scipy.optimize.minimize(falling, start, jac=slope, method="BFGS", options={"maxiter": 200})
-    covariance = np.linalg.inv(_curvature(explored, optimum.x))
+    covariance = _covariance(explored, optimum.x)
     return Mode(optimum.x, -float(optimum.fun), np.linalg.cholesky(0.5 * (covariance + covariance.T)))
 
 
-def _curvature(explored: _Known, middle: np.ndarray) -> np.ndarray:
-    """−∇∇ log π, made positive definite: second differences over steps in which log π falls by about ½."""
+def _covariance(explored: _Known, middle: np.ndarray) -> np.ndarray:
+    """(−∇∇ log π)⁻¹, made positive definite: second differences over steps in which log π falls by about ½."""
     own_density = explored.density(middle[None])[0]
 
     def second(first: np.ndarray, then: np.ndarray) -> np.ndarray:
@@ -308,9 +310,9 @@ def _curvature(explored: _Known, middle: np.ndarray) -> np.ndarray:
     curvature = _finite(curvature + np.tril(curvature, -1).T)
     # In units of the steps, in which a Gaussian's curvature is a correlation's inverse.
     values, vectors = np.linalg.eigh(curvature * np.outer(step, step))
-    positive = np.maximum(np.abs(values), 1e-6)
-    whole = (vectors * positive) @ vectors.T / np.outer(step, step)
-    return np.asarray(whole + np.eye(len(middle)) / WIDEST**2)
+    positive = np.clip(np.abs(values), 1e-6, 1e6)
+    whole = (vectors * positive) @ vectors.T + np.diag(step**2) / WIDEST**2
+    return np.asarray(np.linalg.inv(whole) * np.outer(step, step))
 
 
 def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
@@ -335,5 +337,5 @@ def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
 
 
 def _finite(array: np.ndarray) -> np.ndarray:
-    """The array with zeros where a difference crosses the end of the support."""
-    return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))
+    """The array with zeros where a difference crosses the end of the support, and with no value whose square overflows."""
+    return np.clip(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
