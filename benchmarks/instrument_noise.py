@@ -90,7 +90,7 @@ class Noise:
 NOISES = {
     "white": Noise(white, "iid"),
     "AR(1)": Noise(correlated, "ar1"),
-    "1 % outliers": Noise(outliers, "student"),
+    "1 % outliers": Noise(outliers, "contaminated"),
     "proportional": Noise(proportional, "proportional"),
     "12-bit rounding": Noise(rounded, "quantised"),
 }

@@ -52,9 +52,10 @@ from structid.inference.error_models.independent import IID as IID
 from structid.inference.error_models.kernels import AR1 as AR1
 from structid.inference.error_models.kernels import DampedCosine as DampedCosine
 from structid.inference.error_models.kernels import Matern32 as Matern32
-from structid.inference.error_models.uncorrelated import Proportional as Proportional
-from structid.inference.error_models.uncorrelated import Quantised as Quantised
-from structid.inference.error_models.uncorrelated import Student as Student
+from structid.inference.error_models.outliers import Contaminated as Contaminated
+from structid.inference.error_models.outliers import Student as Student
+from structid.inference.error_models.proportional import Proportional as Proportional
+from structid.inference.error_models.quantised import Quantised as Quantised
 from structid.inference.likelihood.posterior import Posterior as Posterior
 from structid.inference.sample import sample as sample
 from structid.inference.sampling.aies import AIES as AIES

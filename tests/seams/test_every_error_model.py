@@ -4,6 +4,8 @@ A new law of normal errors of constant size goes into `LAWS`, with its covarianc
 `OTHERS`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -44,6 +46,7 @@ LAWS = {
 # Not normal, or of a size that depends on the response.
 OTHERS = {
     "Student": si.Student(variance=VARIANCE, degrees_of_freedom=4.0),
+    "Contaminated": si.Contaminated(variance=VARIANCE, outlier_share=0.05, outlier_scale=8.0),
     "Proportional": si.Proportional(variance=VARIANCE, share=0.3),
     "Quantised": si.Quantised(variance=VARIANCE, resolution=2.0),
 }
@@ -166,6 +169,28 @@ class TestEveryDiscrepancy:
         np.testing.assert_allclose(together, alone, rtol=1e-10)
 
 
+@pytest.mark.parametrize("name", [*LAWS, "Student", "Contaminated"])
+def test_the_influence_is_the_gradient_by_the_response(name, residual):
+    """d/ds log p(r − s v) = Wv · influence(r) at s = 0, with W the whitening and v a smooth change of the response."""
+    law = OTHERS[name] if name in OTHERS else LAWS[name][0]
+    change = np.broadcast_to(np.sin(0.1 * np.arange(SAMPLES))[:, None, None], residual.shape)
+    step = 1e-4
+    ahead, behind = (law.log_likelihood(residual - s * change, {}, CHANNELS, DT) for s in (step, -step))
+    influence, white = law.influence(residual, {}, CHANNELS, DT), law.whiten(change, {}, CHANNELS, DT)
+    found = (np.asarray(white) * np.asarray(influence)).sum(axis=(0, 1))
+    np.testing.assert_allclose(found, (np.asarray(ahead) - np.asarray(behind)) / (2.0 * step), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["Student", "Contaminated"])
+def test_an_outlier_has_little_influence(name):
+    residual = np.geomspace(1e-3, 1e3, 400)[:, None, None]
+    laws = OTHERS[name], si.IID(variance=VARIANCE)
+    influence, normal = (np.asarray(law.influence(residual, {}, CHANNELS, DT))[:, 0, 0] for law in laws)
+    assert np.isfinite(influence).all()
+    assert influence[-1] < 0.02 * normal[-1]
+    np.testing.assert_allclose(influence[:100] / influence[0], normal[:100] / normal[0], rtol=0.02)
+
+
 STEP, AT = 2.0, 3.7
 CELLS = STEP * np.arange(-400, 401) - AT
 """Residuals of values on a grid, of a response of `AT`."""
@@ -207,7 +232,7 @@ class TestErrorsOfAnotherDensity:
             assert (pvalue > 1e-3) == passes, pvalue
 
     def test_normal_scores_of_draws_are_normal(self, name):
-        """Whitened draws of Student's t are not."""
+        """Whitened draws of Student's t and of the mixture are not."""
         law, shape = OTHERS[name], (300, SAMPLES, 1)
         at = np.random.default_rng(6).normal(size=shape)
         draws = law.draw(np.random.default_rng(7), shape, {}, CHANNELS, DT, **law.seeing(at)).transpose(1, 2, 0)
@@ -215,7 +240,7 @@ class TestErrorsOfAnotherDensity:
         scores = np.asarray(law.normal_scores(draws, {}, CHANNELS, DT, **seen)).ravel()
         assert scipy.stats.kstest(scores, "norm").pvalue > 1e-3
         assert abs(scores.mean()) < 4.5 / np.sqrt(scores.size) and abs(scores.std() - 1.0) < 0.02
-        if name == "Student":
+        if name in ("Student", "Contaminated"):
             assert scipy.stats.kstest(np.asarray(law.whiten(draws, {}, CHANNELS, DT)).ravel(), "norm").pvalue < 1e-3
 
     def test_the_fold_is_the_likelihood(self, name, residual):
@@ -235,7 +260,10 @@ class TestErrorsOfAnotherDensity:
     def test_further_white_variance_adds_to_the_variance(self, name, residual):
         law, seen = OTHERS[name], OTHERS[name].seeing(residual)
         found = law.log_likelihood(residual, {}, CHANNELS, DT, white=np.full((1, RUNS), 0.5 * VARIANCE), **seen)
-        expected = with_variance(law, 1.5).log_likelihood(residual, {}, CHANNELS, DT, **seen)
+        wider = with_variance(law, 1.5)
+        if name == "Contaminated":  # the outliers' own variance grows by as much, not in proportion
+            wider = replace(wider, outlier_scale=np.sqrt((law.outlier_scale**2 + 0.5) / 1.5))
+        expected = wider.log_likelihood(residual, {}, CHANNELS, DT, **seen)
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
     def test_what_is_unknown_has_a_prior_and_is_used(self, name, residual):

@@ -21,7 +21,9 @@ from structid.inference.error_models.base import ErrorModel
 from structid.inference.error_models.drifting import Drifting
 from structid.inference.error_models.independent import IID
 from structid.inference.error_models.kernels import AR1, DampedCosine
-from structid.inference.error_models.uncorrelated import Proportional, Quantised, Student, grid_step
+from structid.inference.error_models.outliers import Contaminated, Student
+from structid.inference.error_models.proportional import Proportional
+from structid.inference.error_models.quantised import Quantised, grid_step
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.parameter_drift import ParameterDrift
 from structid.inference.sample import sample
@@ -38,7 +40,7 @@ AUTO = "auto"
 CHOICE_SAMPLER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
 """Sampler of the posterior under each error model."""
 
-MOST_UNCORRELATED = 3
+MOST_UNCORRELATED = 4
 """Largest number of error models that `error_models_for` suggests."""
 
 ERRORS_APART = 2.0
@@ -66,7 +68,7 @@ def error_models_for(result: SamplingResult) -> tuple[ErrorModel, ...]:
     residuals = result.residuals
     suggested: list[ErrorModel] = []
     if any(residual.may_be_heavy_tailed for residual in residuals):
-        suggested.append(Student())
+        suggested += [Student(), Contaminated()]
     if any(residual.may_be_uneven for residual in residuals):
         suggested.append(Proportional())
     if residuals and _coarsely_rounded(_posterior(result).observations, residuals):
@@ -217,8 +219,9 @@ def choose_error_model(
         The measurements.
     error_models : sequence of ErrorModel, optional
         The error models to choose among, the simplest first. By default the residuals of independent normal errors decide: heavy
-        tails call for `Student`, errors that grow with the response for `Proportional`, coarsely rounded values for `Quantised`.
-        Unless the residuals under the best of these are white, AR(1) and damped cosine errors and drifting parameters are tried.
+        tails call for `Student` and `Contaminated`, errors that grow with the response for `Proportional`, coarsely rounded values
+        for `Quantised`. Unless the residuals under the best of these are white, AR(1) and damped cosine errors and drifting
+        parameters are tried.
     sampler : SMC
         Sampler of the posterior under each error model.
     seed : int

@@ -6,7 +6,8 @@ import scipy.stats
 
 import structid as si
 from structid.core.errors import InputError
-from structid.inference.error_models.uncorrelated import _log_gamma, _log_normal_tail, grid_step
+from structid.inference.error_models.outliers import _log_gamma
+from structid.inference.error_models.quantised import _log_normal_tail, grid_step
 
 SPACE = si.ParameterSpace(
     stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
@@ -24,6 +25,10 @@ def normal(seed=1):
 
 def outliers():
     return CLEAN + SD * normal() * np.where(np.random.default_rng(2).random(CLEAN.shape) < 0.02, 30.0, 1.0)
+
+
+def heavy():
+    return CLEAN + SD * np.random.default_rng(2).standard_t(2.5, size=CLEAN.shape)
 
 
 def proportional():
@@ -46,6 +51,13 @@ def test_densities_against_scipy():
     residual = 3.0 * np.random.default_rng(1).normal(size=(50, 1, 2))
     found = si.Student(variance=2.0, degrees_of_freedom=4.0).pointwise(residual, {}, ("velocity",), 0.01)
     np.testing.assert_allclose(found, scipy.stats.t.logpdf(residual, 4.0, scale=np.sqrt(2.0)), rtol=1e-12)
+    mixture = si.Contaminated(variance=2.0, outlier_share=0.1, outlier_scale=5.0)
+    usual, large = (scipy.stats.norm.pdf(residual, scale=scale) for scale in (np.sqrt(2.0), np.sqrt(50.0)))
+    found = mixture.pointwise(residual, {}, ("velocity",), 0.01)
+    np.testing.assert_allclose(found, np.log(0.9 * usual + 0.1 * large), rtol=1e-12)
+    usual, large = (scipy.stats.norm.pdf(residual, scale=scale) for scale in (np.sqrt(5.0), np.sqrt(53.0)))
+    found = mixture.log_likelihood(residual, {}, ("velocity",), 0.01, white=3.0)
+    np.testing.assert_allclose(found, np.log(0.9 * usual + 0.1 * large).sum(axis=(0, 1)), rtol=1e-12)
     cell = scipy.stats.norm.cdf(residual + 1.0, scale=3.0) - scipy.stats.norm.cdf(residual - 1.0, scale=3.0)
     found = si.Quantised(variance=9.0, resolution=2.0).pointwise(residual, {}, ("velocity",), 0.01, response=residual)
     np.testing.assert_allclose(found, np.log(cell / 2.0), atol=1e-8)
@@ -64,8 +76,13 @@ def test_a_grid_is_found_where_there_is_one():
 
 @pytest.mark.parametrize(
     ("error_model", "values"),
-    [(si.Student(), outliers), (si.Proportional(), proportional), (si.Quantised(), rounded)],
-    ids=["student", "proportional", "quantised"],
+    [
+        (si.Student(), outliers),
+        (si.Contaminated(), outliers),
+        (si.Proportional(), proportional),
+        (si.Quantised(), rounded),
+    ],
+    ids=["student", "contaminated", "proportional", "quantised"],
 )
 class TestPosterior:
     def test_compiled_lanes_and_given_responses_agree(self, error_model, values):
@@ -94,7 +111,8 @@ class TestPosterior:
 
 CASES = {
     "white": (lambda: CLEAN + SD * normal(), "iid"),
-    "outliers": (outliers, "student"),
+    "outliers": (outliers, "contaminated"),
+    "heavy tails": (heavy, "student"),
     "proportional": (proportional, "proportional"),
     "rounded": (rounded, "quantised"),
     "finely rounded": (lambda: np.round((CLEAN + SD * normal()) / (0.5 * SD)) * 0.5 * SD, "iid"),
@@ -108,9 +126,10 @@ def test_the_data_choose_the_error_model_of_their_noise(case):
     assert choice.error_models[choice.chosen] == right, str(choice)
     assert choice.error_models[0] == "iid" and "ar1" not in choice.error_models  # white residuals: nothing correlated
     assert not choice.result.verdict().wrong_error_model
-    if right in ("student", "proportional"):
-        [said] = choice.results[0].verdict().wrong_error_model[:1]
-        assert f"use the error model {right}" in " ".join(choice.results[0].verdict().wrong_error_model), said
+    if right in ("student", "contaminated", "proportional"):
+        said = " ".join(choice.results[0].verdict().wrong_error_model)
+        cure = "proportional" if right == "proportional" else "student or contaminated"
+        assert f"use the error model {cure}" in said, said
 
 
 def test_errors_on_another_record_follow_its_response():
@@ -124,6 +143,45 @@ def test_errors_on_another_record_follow_its_response():
         prediction.response[:, large, 0]
     ).mean(axis=0)
     assert np.median(ratio) == pytest.approx(0.1, rel=0.25)
+
+
+def test_outliers_leave_no_doubt_of_the_mixture():
+    """One per cent of errors of twenty standard deviations: Student's t leaves heavy tails, the mixture does not."""
+    rng = np.random.default_rng(5)
+    values = CLEAN + SD * normal() * np.where(rng.random(CLEAN.shape) < 0.01, 20.0, 1.0)
+    found = {}
+    for error_model in (si.Student(), si.Contaminated()):
+        posterior = si.Posterior(SPACE, MODEL, si.Observation(RECORD, values), error_model)
+        found[error_model.kind] = si.sample(posterior, si.SMC(particles=200, steps=20), seed=1)
+    kurtosis = {kind: result.residuals[0].excess_kurtosis for kind, result in found.items()}
+    assert abs(kurtosis["contaminated"]) < 0.5 < kurtosis["student"]
+    assert found["contaminated"].log_evidence.value > found["student"].log_evidence.value + 5.0
+    assert found["contaminated"].residuals[0].as_assumed
+    assert 0.004 < found["contaminated"].flat[:, -2].mean() < 0.03
+
+
+@pytest.mark.parametrize("wrong", [{"outlier_share": 1.0}, {"outlier_share": -0.1}, {"outlier_scale": 1.0}])
+def test_wrong_outliers_are_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        si.Contaminated(**wrong)
+
+
+def test_a_band_of_rounded_readings_holds_them():
+    """Readings of another record lie on the grid inside the band; edges that are equal but for round-off do not exclude them."""
+    step = 2.0 * np.abs(CLEAN).max() / 2**9
+    posterior = si.Posterior(SPACE, MODEL, si.Observation(RECORD, rounded(9)), si.Quantised())
+    result = si.sample(posterior, si.SMC(particles=200, steps=20), seed=1)
+    other = si.GroundMotion.synthetic(seed=4).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(1.8)
+    prediction = result.predict(other)
+    readings = prediction.observable[:, :, 0] / step
+    np.testing.assert_allclose(readings, np.round(readings), atol=1e-6)
+    clean = MODEL.simulate(TRUTH, other).values[0, :, 0]
+    measured = step * np.round(clean / step)
+    low, high = (edge[:, 0] for edge in prediction.band(0.9, discrepancy=True))
+    assert np.mean((low <= measured) & (measured <= high)) > 0.9
+    # The band holds a few steps, not many, and one of the response alone is finer than a step.
+    assert np.median(high - low) < 3.5 * step
+    np.testing.assert_allclose(prediction.band()[0], np.quantile(prediction.response, 0.05, axis=0), rtol=1e-12)
 
 
 def test_a_gap_is_no_value_off_the_grid():

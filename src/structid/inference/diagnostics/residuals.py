@@ -32,6 +32,12 @@ LARGE, SMALL = 0.75, 0.5
 """Quantiles of the absolute response above which it is large, and below which it is small."""
 SURE, LIKELY = 5.0, 3.0
 """Standard deviations, under the error model, of a statistic that contradicts it, and of one that gives a reason to try another."""
+OF_TAILS = {
+    "iid": "; use the error model student or contaminated",
+    "student": "; use the error model contaminated",
+    "contaminated": "; use the error model student",
+}
+"""What to do about heavy tails under an error model, if another one may have them."""
 WHITE_PROBABILITY = 0.05
 """Probability with which white noise is not accepted as white."""
 MUCH_WIDER = 1.5
@@ -214,7 +220,7 @@ def residual_warnings(
         said = f"after whitening, the residuals are still correlated, which contradicts {assumed}"
         sentences.append(f"{said}: {', '.join(correlated)}{effect}{cure}")
     if heavy := [_tails_in_words(residual) for residual in residuals if residual.heavy_tailed]:
-        cure = "; use the error model student" if added.independent else ""
+        cure = OF_TAILS.get(str(added.describe()["kind"]), "")
         said = f"the residuals have more large values than {assumed} {'have' if added.independent else 'has'}"
         sentences.append(f"{said}: {', '.join(heavy)}{effect}{cure}")
     if uneven := [_growth_in_words(residual) for residual in residuals if residual.uneven]:

@@ -142,6 +142,9 @@ class Discrepancy(ErrorModel):
     takes_gaps: ClassVar[bool] = False
     """Whether the methods accept `is_measured`, a mask of the measured values; without it, values must not be missing."""
 
+    has_outliers: ClassVar[bool] = False
+    """Whether a few errors may be much larger than the others."""
+
     depends_on_response: ClassVar[bool] = False
     """Whether the errors depend on the response: the methods then have the further argument `response`, in the residual's shape."""
 
@@ -252,6 +255,21 @@ class Discrepancy(ErrorModel):
             Variances in the square of each channel's SI unit.
         """
         raise NotImplementedError(f"{type(self).__name__} has no independent errors")
+
+    def rounding(self, channels: tuple[str, ...]) -> Float[np.ndarray, " channel"]:
+        """Step to which the values of every channel are rounded; 0 if they are not.
+
+        Parameters
+        ----------
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        ndarray, shape (channel,)
+            Steps in the channels' SI units.
+        """
+        return np.zeros(len(channels))
 
     @abstractmethod
     def parameters(
@@ -368,6 +386,36 @@ class Discrepancy(ErrorModel):
         jax.Array, shape (time, channel, run)
             L⁻¹ r with L Lᵀ the covariance of ε.
         """
+
+    def influence(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        **more: Any,
+    ) -> Float[Array, "time channel run"]:
+        """Influence of every value on the response: the gradient of log p by M is the transposed whitening of this.
+
+        Parameters
+        ----------
+        residual : array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+        **more
+            Mask of the measured values and response, as in `whiten`.
+
+        Returns
+        -------
+        array, shape (time, channel, run)
+            The same as `whiten` for normal errors; bounded for errors with outliers.
+        """
+        return self.whiten(residual, unknown, channels, dt, **more)
 
     def normal_scores(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.inference.error_models import drifting, independent, kernels, uncorrelated
+from structid.inference.error_models import drifting, independent, kernels, outliers, proportional, quantised
 from structid.inference.error_models.error_model_kind import ErrorModelKind
 
 ERROR_MODELS: tuple[ErrorModelKind, ...] = (
@@ -10,8 +10,9 @@ ERROR_MODELS: tuple[ErrorModelKind, ...] = (
     kernels.AR1_KIND,
     kernels.MATERN32_KIND,
     kernels.DAMPED_COSINE_KIND,
-    uncorrelated.STUDENT_KIND,
-    uncorrelated.PROPORTIONAL_KIND,
-    uncorrelated.QUANTISED_KIND,
+    outliers.STUDENT_KIND,
+    outliers.CONTAMINATED_KIND,
+    proportional.PROPORTIONAL_KIND,
+    quantised.QUANTISED_KIND,
     drifting.DRIFTING_KIND,
 )

@@ -181,6 +181,14 @@ class ObservationLikelihood:
         weighted, more = self.observation.weighted(values), self._of_all_samples(self.observation.weighted(response))
         return self.discrepancy.whiten(weighted, unknown, self.channels, self.dt, **more)
 
+    def influence(
+        self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
+    ) -> Float[np.ndarray, "sample channel run"]:
+        """Influence of every measured value on the response; see `Discrepancy.influence`."""
+        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
+        more = self._of_all_samples(self.observation.weighted(response))
+        return np.asarray(self.discrepancy.influence(residual, unknown, self.channels, self.dt, **more))
+
     def normal_scores(
         self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
     ) -> Float[np.ndarray, "sample channel run"]:

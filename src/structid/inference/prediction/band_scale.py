@@ -7,7 +7,7 @@ of the measured record as if it were another record shows their combined width (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,25 @@ FEWEST = 50
 """Minimum number of samples for a decade to have its own factor."""
 ROUNDS = 6
 """Number of iterations for the factors, which interact because the scale is interpolated between the decades."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rounding:
+    """Rounding of readings to a grid. Random values within the steps undo it, so that a factor on a band has an effect."""
+
+    steps: Float[np.ndarray, " channel"]  # 0 if a channel is not rounded
+    rng: np.random.Generator = field(repr=False)
+
+    def undone(self, readings: np.ndarray) -> np.ndarray:
+        """Readings (…, channel) with a uniform random value within a step added to each."""
+        return readings + self.steps * self.rng.uniform(-0.5, 0.5, readings.shape) if self.steps.any() else readings
+
+    def done(self, readings: np.ndarray) -> np.ndarray:
+        """Readings (…, channel) rounded to the grid."""
+        for channel in np.flatnonzero(self.steps):
+            step = self.steps[channel]
+            readings[..., channel] = step * np.round(readings[..., channel] / step)
+        return readings
 
 
 @dataclass(frozen=True, eq=False)

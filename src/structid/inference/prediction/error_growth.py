@@ -49,6 +49,9 @@ def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], i
     """Fraction of the error variance proportional to the response's power, by non-negative least squares."""
     observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
     residual, dt = np.where(observation.is_measured, observation.values - response, 0.0), observation.step
+    bound = posterior.likelihood.of[index]
+    if bound.discrepancy.has_outliers:  # which would determine the power alone
+        residual = bound.normal_scores(response[:, :, None], posterior.unknowns(theta[None], index))[:, :, 0]
     channels = len(observation.channels)
     power = np.mean(response**2, axis=0)
     if not (np.isfinite(power).all() and power.all()):

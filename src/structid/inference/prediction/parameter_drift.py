@@ -132,7 +132,10 @@ def _gain(gram: np.ndarray, projection: np.ndarray, spread: np.ndarray) -> float
 def _projections(
     posterior: Posterior, theta: np.ndarray, steps: np.ndarray, index: int, spans: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """VᵀV (parameter · knot, parameter · knot) and Vᵀ e (parameter · knot,) of one observation."""
+    """VᵀV (parameter · knot, parameter · knot) and Vᵀ e (parameter · knot,) of one observation.
+
+    For errors that are not normal, e is the influence of the values.
+    """
     observation, count = posterior.observations[index], len(steps)
     low, high = posterior.model_space.bounds.T
     points = np.tile(theta, (2 * count + 1, 1))
@@ -145,10 +148,10 @@ def _projections(
     duration = observation.record.dt * (len(observation.record) - 1)
     weights = hats(observation.time * spans / max(duration, observation.record.dt), spans + 1)
     columns = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
-    series = np.concatenate([(observation.values - response[0])[..., None], columns], axis=2)
     unknown = {
-        name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
+        name: np.repeat(value, columns.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }
-    white = np.asarray(posterior.likelihood.of[index].whiten(series, unknown, response[0][:, :, None]))
-    flat = white.reshape(-1, white.shape[2])
-    return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]
+    bound, middle = posterior.likelihood.of[index], response[0][:, :, None]
+    white = np.asarray(bound.whiten(columns, unknown, middle)).reshape(-1, columns.shape[2])
+    influence = bound.influence(middle, posterior.unknowns(theta[None], index)).ravel()
+    return white.T @ white, white.T @ influence

@@ -19,7 +19,7 @@ from structid.core.units import factor
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.prediction.band_scale import BandScale
+from structid.inference.prediction.band_scale import BandScale, Rounding
 from structid.inference.prediction.error_growth import ErrorGrowth, error_growth
 from structid.inference.prediction.over_draws import median, quantiles
 from structid.inference.prediction.parameter_drift import ParameterDrift
@@ -63,6 +63,8 @@ class Prediction(ShownAsText):
         Exponent of `peak_ratio` for the correction of each draw's peaks.
     status : ndarray of int, shape (all draws,), optional
         Final status of every simulation, including the failed draws.
+    rounding : ndarray, shape (channel,), optional
+        Step to which the instrument rounds its readings, in SI; 0 if it does not.
     """
 
     time: Float[np.ndarray, " time"]
@@ -76,6 +78,7 @@ class Prediction(ShownAsText):
     peak_ratio: Float[np.ndarray, " channel"] | None = None
     peak_share: Float[np.ndarray, " draw"] | None = None
     status: Int[np.ndarray, " all_draws"] | None = field(default=None, repr=False)
+    rounding: Float[np.ndarray, " channel"] | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         runs, samples, _ = self.response.shape
@@ -102,11 +105,14 @@ class Prediction(ShownAsText):
         Returns
         -------
         tuple of ndarray, shape (time, channel)
-            Lower and upper edge in SI.
+            Lower and upper edge in SI. Those of rounded readings lie half a step outside the outermost values.
         """
         tail = 0.5 * (1.0 - probability)
         low, high = quantiles(self.observable if discrepancy else self.response, [tail, 1.0 - tail])
-        return low, high
+        if not discrepancy or self.rounding is None:
+            return low, high
+        # A reading equals another one to within the round-off of floating-point numbers only.
+        return low - 0.5 * self.rounding, high + 0.5 * self.rounding
 
     @property
     def peaks(self) -> np.ndarray:
@@ -185,22 +191,19 @@ class Predictor:
             return prediction
         own = self._spread_of_parameters(prediction, record, sources, stand_in)
         for index in sources.indices:
-            measured = observations[index]
             if index in sources.here:
-                places = sources.places(index)
-                there = [measured.channels.index(sources.channels[position]) for position in places]
+                there, places = self._there(index, sources), sources.places(index)
                 scale = self._band_scale(index, there, prediction, places)
                 # Its parameters have no added drift.
-                _scale(prediction, scale, places, record.dt, own, response=False)
+                self._scale(index, there, prediction, places, scale, own, response=False)
         # A further prediction of the measured record would double the runs of an expensive model.
         if sources.here or self.posterior.costs_runs:
             return prediction
         ratios = np.ones(len(sources.channels))
         for index in sources.indices:
-            measured, places = observations[index], sources.places(index)
-            there = [measured.channels.index(sources.channels[position]) for position in places]
+            there, places = self._there(index, sources), sources.places(index)
             scale, ratio = self._of_the_measured_record(index)
-            _scale(prediction, BandScale(scale.factors[:, there]), places, record.dt, own)
+            self._scale(index, there, prediction, places, BandScale(scale.factors[:, there]), own)
             ratios[places] = ratio[there]
         share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
         return replace(prediction, peak_ratio=ratios, peak_share=share)
@@ -228,7 +231,7 @@ class Predictor:
             prediction = self._responding(another, sources, None, instrument=True)
             every = list(range(len(observation.channels)))
             scale = self._band_scale(index, every, prediction, every)
-            _scale(prediction, scale, every, another.dt, prediction.response.std(axis=0))
+            self._scale(index, every, prediction, every, scale, prediction.response.std(axis=0))
             ratio = _peak_ratio(observation, prediction, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
             self._measured_again[index] = scale, ratio
         return self._measured_again[index]
@@ -239,7 +242,47 @@ class Predictor:
         observable = prediction.observable[:, :, places]
         if observation.sampling is not None:
             observable = self._at_samples(index, prediction.response[:, :, places], there)
-        return BandScale.of(observation.values[:, there], observable, observation.step)
+        rounding = self._rounding(index, there)
+        measured, observable = (rounding.undone(readings) for readings in (observation.values[:, there], observable))
+        return BandScale.of(measured, observable, observation.step)
+
+    def _there(self, index: int, sources: Sources) -> list[int]:
+        """Places, among the channels of an observation, of the channels whose source it is."""
+        channels = self.posterior.observations[index].channels
+        return [channels.index(sources.channels[place]) for place in sources.places(index)]
+
+    def _rounding(self, index: int, there: list[int]) -> Rounding:
+        """Rounding of some channels of an observation."""
+        bound = self.posterior.likelihood.of[index]
+        steps = bound.discrepancy.rounding(bound.channels)[there]
+        return Rounding(steps, stream(self.seed, Purpose.WITHIN_A_ROUNDING_STEP, index))
+
+    def _scale(
+        self,
+        index: int,
+        there: list[int],
+        prediction: Prediction,
+        places: list[int],
+        scale: BandScale,
+        own: np.ndarray,
+        response: bool = True,
+    ) -> None:
+        """Scale the errors in some channels as on the measured record; `response` also scales the response."""
+        # The drift of the parameters is a part of the total: it is narrowed with the total, but not widened. Nothing becomes
+        # narrower than the spread `own` of the parameters' posterior: outliers or gaps make errors too large, and tell nothing of
+        # it. A peak is an extreme of the record, on which a 90 % band of the samples contains little information: histories used
+        # for peaks are not narrowed.
+        narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
+        assert prediction.structural is not None
+        dt, rounding = prediction.time[1] - prediction.time[0], self._rounding(index, there)
+        # In place: copies of all histories would need several times their memory.
+        readings = prediction.observable
+        readings[:, :, places] = rounding.done(
+            scale.applied(rounding.undone(readings[:, :, places]), dt, own[:, places])
+        )
+        others = [(prediction.structural, widened), *([(prediction.response, narrowed)] if response else [])]
+        for draws, scale_of_draws in others:
+            draws[:, :, places] = scale_of_draws.applied(draws[:, :, places], dt, own[:, places])
 
     def _at_samples(self, index: int, response: np.ndarray, there: list[int]) -> np.ndarray:
         """Draws of the readings at the samples of a sensor, (draw, sample, channel)."""
@@ -303,14 +346,10 @@ class Predictor:
             sign = bound.sign(response, theta[good])
             return np.asarray(observation.instrument.on_record(response, unknown, sign)).transpose(2, 0, 1)
 
-        def there(index: int) -> list[int]:
-            """Places, among the channels of an observation, of the channels whose source it is."""
-            return [observations[index].channels.index(sources.channels[place]) for place in sources.places(index)]
-
         responses = {index: response_of(index, channels_of_one) for index, channels_of_one in measured.items()}
         of_sources = response_of(None, sources.channels).copy()
         for index, response in responses.items():
-            of_sources[:, :, sources.places(index)] = response[:, :, there(index)]
+            of_sources[:, :, sources.places(index)] = response[:, :, self._there(index, sources)]
         first, status = next(iter(runs.values())), np.max([run.status for run in runs.values()], axis=0)
         time, model_units = first.time, first.units
         del first
@@ -330,7 +369,7 @@ class Predictor:
                 size = self._size_of_errors(index, response, record.dt, here)
                 errors = bound.draw_errors(rng, response, unknown, record.dt, size, error_model)
                 errors += response
-                result[:, :, sources.places(index)] = errors[:, :, there(index)]
+                result[:, :, sources.places(index)] = errors[:, :, self._there(index, sources)]
             return result
 
         units = model_units | {
@@ -349,6 +388,7 @@ class Predictor:
             {c: units[c] for c in sources.channels},
             erring(Purpose.PREDICTED_MODEL_ERROR),
             status=status,
+            rounding=self._rounding_of(sources),
         )
 
     def _run(
@@ -373,6 +413,13 @@ class Predictor:
         if index is None:
             return simulate_in_steps_it_needs(model, parameters, record, progress, posterior.map)
         return model.simulate(parameters, record, progress=progress, map=posterior.map)
+
+    def _rounding_of(self, sources: Sources) -> np.ndarray:
+        """Steps to which the instruments round the predicted channels, shape (channel,)."""
+        steps = np.zeros(len(sources.channels))
+        for index in sources.indices:
+            steps[sources.places(index)] = self._rounding(index, self._there(index, sources)).steps
+        return steps
 
     def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
         """Factor on the errors of an observation: their growth with the response, and known standard deviations."""
@@ -449,19 +496,3 @@ def _mean_of_known(values: np.ndarray) -> np.ndarray:
 def _largest(histories: np.ndarray) -> np.ndarray:
     """Largest absolute value over time, shape (draw, channel)."""
     return np.asarray(np.abs(histories).max(axis=1))
-
-
-def _scale(
-    prediction: Prediction, scale: BandScale, places: list[int], dt: float, own: np.ndarray, response: bool = True
-) -> None:
-    """Scale the errors in some channels as on the measured record; `response` also scales the response."""
-    # The drift of the parameters is a part of the total: it is narrowed with the total, but not widened. Nothing becomes narrower
-    # than the spread `own` of the parameters' posterior: outliers or gaps make errors too large, and tell nothing of it. A peak is
-    # an extreme of the record, on which a 90 % band of the samples contains little information: histories used for peaks are not
-    # narrowed.
-    narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
-    assert prediction.structural is not None
-    scales = [(prediction.observable, scale), (prediction.structural, widened)]
-    for draws, scale_of_draws in [*scales, *([(prediction.response, narrowed)] if response else [])]:
-        # In place: copies of all histories would need several times their memory.
-        draws[:, :, places] = scale_of_draws.applied(draws[:, :, places], dt, own[:, places])

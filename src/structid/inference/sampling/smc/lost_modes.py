@@ -338,4 +338,4 @@ def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
 
 def _finite(array: np.ndarray) -> np.ndarray:
     """The array with zeros where a difference crosses the end of the support, and with no value whose square overflows."""
-    return np.clip(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST)
+    return np.asarray(np.clip(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0), -STEEPEST, STEEPEST))
