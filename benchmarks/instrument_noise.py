@@ -1,14 +1,17 @@
 """Coverage of parameters, responses, measurements and peaks for five laws of an instrument's noise.
 
-Run with ``python benchmarks/instrument_noise.py [--quick]``.
+Run with ``python benchmarks/instrument_noise.py [--quick] [--noise NAME] [--replicates FIRST END]``. Every calibration is recorded,
+and the page has all recorded ones.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import common
 import numpy as np
@@ -96,21 +99,11 @@ NOISES = {
 }
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What one calibration covers: of the parameters (parameter,), and on another record."""
+def calibrate(label: str, record: int, replicate: int) -> dict[str, Any]:
+    """Calibrate one oscillator drawn from the prior, and predict another record; what the result covers.
 
-    chosen: str
-    parameters: np.ndarray
-    response: float
-    measurement: float
-    peak: bool
-    doubted: bool
-    seconds: float
-
-
-def calibrate(label: str, record: int, replicate: int) -> Outcome:
-    """Calibrate one oscillator drawn from the prior, and predict the next record; every law has parameters and noise of its own."""
+    Every law of noise has parameters and noise of its own.
+    """
     noise, number = NOISES[label], list(NOISES).index(label)
     rng = np.random.default_rng([number, record, replicate])
     theta = space().sample(1, seed=10_000 * number + 1000 * record + replicate).values
@@ -127,15 +120,18 @@ def calibrate(label: str, record: int, replicate: int) -> Outcome:
     measured = noise.measure(elsewhere, clean, rng)
     of_response, of_measurement = (prediction.band(PROBABILITY, discrepancy=each) for each in (False, True))
     lowest, highest = np.quantile(prediction.peaks[:, 0], (tail, 1.0 - tail))
-    return Outcome(
-        choice.error_models[choice.chosen],
-        (theta[0] >= low) & (theta[0] <= high),
-        _share_inside(elsewhere, of_response),
-        _share_inside(measured, of_measurement),
-        bool(lowest <= np.abs(elsewhere).max() <= highest),
-        bool(result.verdict().doubt),
-        seconds,
-    )
+    return {
+        "noise": label,
+        "record": record,
+        "replicate": replicate,
+        "chosen": choice.error_models[choice.chosen],
+        "parameters": ((theta[0] >= low) & (theta[0] <= high)).astype(float).tolist(),
+        "response": _share_inside(elsewhere, of_response),
+        "measurement": _share_inside(measured, of_measurement),
+        "peak": float(lowest <= np.abs(elsewhere).max() <= highest),
+        "doubted": float(bool(result.verdict().doubt)),
+        "seconds": seconds,
+    }
 
 
 def _share_inside(history: np.ndarray, band: tuple[np.ndarray, np.ndarray]) -> float:
@@ -143,37 +139,26 @@ def _share_inside(history: np.ndarray, band: tuple[np.ndarray, np.ndarray]) -> f
     return float(np.mean((history >= low) & (history <= high)))
 
 
-def row(label: str, noise: Noise, outcomes: list[Outcome]) -> list[str]:
+def row(label: str, outcomes: list[dict[str, Any]]) -> list[str]:
     """One row of the table."""
-    chosen = sum(each.chosen == noise.right for each in outcomes)
-    parameters = np.array([each.parameters for each in outcomes])
-    others = sorted({each.chosen for each in outcomes} - {noise.right})
-    shares = [np.mean([getattr(each, name) for each in outcomes]) for name in ("response", "measurement", "peak")]
+    right = NOISES[label].right
+    chosen = [each["chosen"] for each in outcomes]
+    parameters = np.array([each["parameters"] for each in outcomes])
+    shares = [np.mean([each[name] for each in outcomes]) for name in ("response", "measurement", "peak")]
     return [
         label,
-        f"{noise.right}: {chosen} of {len(outcomes)}",
-        ", ".join(others) or "–",
+        f"{right}: {chosen.count(right)} of {len(outcomes)}",
+        ", ".join(sorted({*chosen} - {right})) or "–",
         f"{parameters.mean():.0%} ({', '.join(f'{share:.0%}' for share in parameters.mean(axis=0))})",
         *(f"{share:.0%}" for share in shares),
-        f"{sum(each.doubted for each in outcomes)} of {len(outcomes)}",
-        f"{np.median([each.seconds for each in outcomes]):.1f}",
+        f"{sum(each['doubted'] for each in outcomes):.0f} of {len(outcomes)}",
+        f"{np.median([each['seconds'] for each in outcomes]):.1f}",
     ]
 
 
-def main() -> None:
-    quick = common.is_quick(__doc__.splitlines()[0])
-    records, replicates = (1, 1) if quick else (RECORDS, REPLICATES)
-    noises = dict(list(NOISES.items())[-2:]) if quick else NOISES
-    rows = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for label, noise in noises.items():
-            outcomes = []
-            for record in range(records):
-                for replicate in range(replicates):
-                    outcomes.append(calibrate(label, record, replicate))
-                print(f"{label}, record {record + 1}:", " | ".join(row(label, noise, outcomes)), flush=True)
-            rows.append(row(label, noise, outcomes))
+def page_text(outcomes: list[dict[str, Any]]) -> str:
+    """The page of all recorded calibrations."""
+    rows = [row(label, of_noise) for label in NOISES if (of_noise := [o for o in outcomes if o["noise"] == label])]
     heads = [
         "noise",
         "right error model chosen",
@@ -185,12 +170,12 @@ def main() -> None:
         "doubted",
         "seconds (median)",
     ]
-    text = f"""# Noise of instruments
+    return f"""# Noise of instruments
 
 `benchmarks/instrument_noise.py`. {common.machine()}.
 
-An oscillator of 1 Hz, whose three parameters are drawn from the prior, is measured on {records} stochastic records of 15 s at
-0.01 s, {replicates} times each. Five laws of noise:
+An oscillator of 1 Hz, whose three parameters are drawn from the prior, is measured on {RECORDS} stochastic records of 15 s at
+0.01 s, up to {REPLICATES} times each. Five laws of noise:
 
 * white noise of {LEVEL:.0%} of the RMS response to the measured record;
 * AR(1) noise of the same size, with a correlation time of {CORRELATION_TIME} s;
@@ -206,9 +191,27 @@ verdict names evidence against the model or the error model; both are right.
 
 {common.markdown_table(heads, rows)}
 """
-    common.record_result(NAME, quick=quick, machine=common.machine(), rows=rows)
-    common.write_page(quick, NAME, text)
-    print(text)
+
+
+def main() -> None:
+    """Run calibrations, and write the page of all recorded ones."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two calibrations; does not write to docs/")
+    parser.add_argument("--noise", choices=NOISES, action="append", help="laws of noise of this run; default: all")
+    parser.add_argument("--replicates", type=int, nargs=2, default=(0, REPLICATES), metavar=("FIRST", "END"))
+    asked = parser.parse_args()
+    replicates, records = (range(1), range(1)) if asked.quick else (range(*asked.replicates), range(RECORDS))
+    noises = asked.noise or (list(NOISES)[-2:] if asked.quick else list(NOISES))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for replicate in replicates:
+            for record in records:
+                for label in noises:
+                    outcome = calibrate(label, record, replicate)
+                    common.record_result(NAME, quick=asked.quick, **outcome)
+                    print(outcome, flush=True)
+    last = common.last_results(NAME, "noise", "record", "replicate", quick=asked.quick)
+    common.write_page(asked.quick, NAME, page_text(list(last.values())))
 
 
 if __name__ == "__main__":

@@ -62,6 +62,7 @@ CASES: dict[str, tuple[str, LogRatio]] = {
     "equal to q, weights of spread 10⁻⁶": ("100 %", ripples(1e-6)),
     "equal to q": ("95 % or more", ripples(0.0)),
     "equal to q, weights of spread 0.03": ("95 % or more", ripples(0.03)),
+    "all sds 2 % smaller": ("within the limits", lambda theta: -0.5 * (theta**2).sum(axis=1) * (0.98**-2 - 1.0)),
     "sd 0.8 in one parameter": ("1 % or less", other_sd(0.8)),
     "sd 1.2 in one parameter": ("1 % or less", other_sd(1.2)),
     "one mean shifted by 0.2 sd": ("1 % or less", lambda theta: 0.2 * theta[:, 0]),

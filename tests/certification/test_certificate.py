@@ -168,6 +168,54 @@ def test_sds_of_long_tails(weight, least, most):
     assert least - 3.0 * np.sqrt(0.05 * 0.95 / count) <= share <= most + 3.0 * np.sqrt(0.05 * 0.95 / count)
 
 
+def shifted(by):
+    """The true density has one mean shifted by `by` standard deviations, and all standard deviations 2 % larger."""
+
+    def log_weight(theta, rng):
+        moved = theta - by * np.eye(theta.shape[1])[0]
+        return 0.5 * (theta**2).sum(axis=1) - 0.5 * (moved**2).sum(axis=1) / 1.02**2
+
+    return log_weight
+
+
+@pytest.mark.parametrize("dimension", [4, 15])
+def test_the_bound_of_a_mean_lies_above_the_truth(dimension):
+    """Also by the draws alone, where it is far below χ; the estimate without its error is below the truth every second time."""
+    names, by, count = tuple(f"a{i}" for i in range(dimension)), 0.05, 200
+    population = np.random.default_rng(0).standard_normal((500, dimension))
+    found = [
+        issue_certificate(
+            replace(drawn(shifted(by), dimension, s), population=population), StoredRuns(), names, 99, limits=Limits()
+        )
+        for s in range(count)
+    ]
+    bounds, shifts = (np.array([getattr(c, name)[0] for c in found]) for name in ("mean_bound", "shift"))
+    assert np.mean(bounds > by) >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / count)
+    assert np.mean(np.abs(shifts) > by) < 0.7
+    if dimension == 15:
+        assert np.median(bounds) < 0.85 * np.median([c.variation.bound for c in found])
+
+
+def test_a_refusal_says_how_many_draws_would_show_the_limits():
+    """All standard deviations 2 % too small in 15 dimensions: within the limits, but not by 30 draws."""
+    names = tuple(f"a{i}" for i in range(15))
+    population = np.random.default_rng(0).standard_normal((500, 15))
+
+    def judged(seed, plain, tempered):
+        fresh = drawn(shifted(0.0), 15, seed, plain, tempered)
+        return issue_certificate(replace(fresh, population=population), StoredRuns(), names, 99)
+
+    few = [judged(seed, PLAIN, TEMPERED) for seed in range(20)]
+    refused = [c for c in few if not c.certified]
+    assert len(refused) > 10
+    enough = int(np.median([c.enough for c in refused if c.enough]))
+    assert 60 <= enough <= 240 and f"about {refused[0].enough} model runs" in str(refused[0])
+    many = [judged(seed, 2 * enough // 3, enough // 3).certified for seed in range(20)]
+    assert np.mean(many) > 0.7
+    wrong = issue_certificate(drawn(other_sd(0.75)), StoredRuns(), tuple("abcd"), 99)
+    assert not wrong.certified and wrong.enough is None and "would show" not in str(wrong)
+
+
 def test_the_bound_of_an_sd_lies_above_the_truth():
     """And where the weights are as unequal in the middle as in the tail, below what χ alone says."""
     theta = np.random.default_rng(3).standard_exponential(1_000_000)

@@ -9,14 +9,21 @@ rounds are searched for it.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from structid.certification.correction import Correction
 from structid.certification.fresh_draws import FreshDraws, StoredRuns
 from structid.certification.limits import Limits
-from structid.certification.moment_bounds import correlation_bound, missing_bounds, sd_bound, shift, standardised
+from structid.certification.moment_bounds import (
+    correlation_bound,
+    mean_bound,
+    missing_bounds,
+    sd_bound,
+    shift,
+    standardised,
+)
 from structid.certification.monte_carlo_error import MonteCarloError
 from structid.certification.weight_variation import WeightVariation, weight_variation
 from structid.core.errors import InputError
@@ -42,6 +49,9 @@ RESTS_ON_STEIN = (
 
 OWN = 1e-6
 """Coefficient of variation of the weights below which the given values are those of the model."""
+
+MORE_DRAWS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Multiples of the number of fresh draws for which the bounds are computed after a refusal."""
 
 UNSEEN = 3.0
 """The factor 3 in 3/n: with a probability of 5 %, none of n draws falls into a set of probability 3/n."""
@@ -102,6 +112,9 @@ class Certificate(ShownAsText):
     monte_carlo : MonteCarloError or None
         Monte Carlo error of the moments of external draws; the bounds above hold for the moments of their density. None for a
         calibration, whose draws have their own verdict.
+    enough : int or None
+        After a refusal by the bounds alone: number of fresh draws whose bounds would meet the limits if they varied as these do.
+        None if no number would, or if there is another reason.
 
     Examples
     --------
@@ -136,6 +149,7 @@ class Certificate(ShownAsText):
     taught: int = 0
     missing: float = 0.0
     monte_carlo: MonteCarloError | None = None
+    enough: int | None = None
 
     @property
     def certified(self) -> bool:
@@ -245,6 +259,7 @@ class Certificate(ShownAsText):
             *([RESTS_ON_STEIN] if self._values_of_the_model else []),
             f"  not excluded: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
+            *([self._enough_line] if self.enough else []),
         ]
         return "\n".join(lines)
 
@@ -272,10 +287,17 @@ class Certificate(ShownAsText):
         estimate, most = number_in_words(self.variation.estimate), number_in_words(bound)
         sentence = f"the weights have a coefficient of variation of {estimate}, {at_most} {most}"
         if self.correction is None:
-            return f"{sentence} (limit {self.limits.mean:g})"
+            return sentence
         return (
             f"{sentence}, relative to a density fitted to the runs, which "
             f"differs from the draws' density in {self.correction.distance:.0%} of the probability"
+        )
+
+    @property
+    def _enough_line(self) -> str:
+        return (
+            f"  about {self.enough} model runs at fresh draws in place of {len(self.draws)} would show that the limits are met, if "
+            "the weights there vary as they do here"
         )
 
     @property
@@ -322,16 +344,10 @@ def issue_certificate(
         raise InputError(
             "certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more draws, 30 recommended"
         )
-    variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
-    lost, lost_of_sd = missing_bounds(fresh, variation)
-    mean_off = variation.bound + lost + np.broadcast_to(fresh.difference.mean, len(names))
-    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.difference.sd) * (1.0 + lost_of_sd) - 1.0
-    variation = replace(variation, bound=variation.bound + lost + fresh.difference.variation)
-    correlation_off = correlation_bound(fresh, variation)
+    bounds = _bounds(fresh, look, limits, correction)
+    variation = bounds.variation
     mean_shift, error = shift(fresh, standardised(fresh))
     if correction is not None:
-        mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)
-        correlation_off = correction.correlation_bound(correlation_off)
         mean_shift, error = (
             correction.mean + correction.sd * mean_shift,
             np.hypot(correction.mean_error, correction.sd * error),
@@ -347,7 +363,7 @@ def issue_certificate(
             f"{failed} of {len(fresh.theta)} model runs at fresh draws failed, although no failure was expected there",
             *missing,
         )
-    reasons = (*missing, *_what_varies(variation, mean_off, sd_off, correlation_off, names, limits, correction))
+    reasons = (*missing, *_what_varies(bounds, names, limits, correction))
     verdict: CertificateVerdict = "certified"
     if reasons:
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
@@ -357,9 +373,9 @@ def issue_certificate(
         reasons,
         doubts,
         variation,
-        mean_off,
-        sd_off,
-        correlation_off,
+        bounds.mean,
+        bounds.sd,
+        bounds.correlation,
         mean_shift,
         error,
         fresh.theta,
@@ -375,23 +391,56 @@ def issue_certificate(
         names,
         correction,
         missing=fresh.missing,
+        enough=_enough(fresh, look, limits, correction) if reasons and not missing else None,
     )
 
 
+class _Bounds(NamedTuple):
+    """Bounds on the errors of all means, standard deviations and correlations."""
+
+    variation: WeightVariation
+    mean: np.ndarray
+    sd: np.ndarray
+    correlation: np.ndarray
+
+    def within(self, limits: Limits) -> bool:
+        """Whether no bound exceeds its limit."""
+        pairs = ((self.mean, limits.mean), (self.sd, limits.sd), (self.correlation, limits.correlation))
+        return all(bool(bound.max() <= limit) for bound, limit in pairs)
+
+
+def _bounds(fresh: FreshDraws, look: int, limits: Limits, correction: Correction | None) -> _Bounds:
+    """Bounds that model runs at fresh draws show."""
+    variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
+    lost, lost_of_sd = missing_bounds(fresh, variation)
+    mean = mean_bound(fresh, variation) + lost + fresh.difference.mean
+    sd = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.difference.sd) * (1.0 + lost_of_sd) - 1.0
+    variation = replace(variation, bound=variation.bound + lost + fresh.difference.variation)
+    correlation = correlation_bound(fresh, variation)
+    if correction is None:
+        return _Bounds(variation, mean, sd, correlation)
+    return _Bounds(
+        variation, correction.mean_bound(mean), correction.sd_bound(sd), correction.correlation_bound(correlation)
+    )
+
+
+def _enough(fresh: FreshDraws, look: int, limits: Limits, correction: Correction | None) -> int | None:
+    """Number of fresh draws that would show the limits to be met if they varied as these do; None if no number would."""
+    for times in MORE_DRAWS:
+        if _bounds(fresh.repeated(times), look, limits, correction).within(limits):
+            return times * len(fresh.theta)
+    return None
+
+
 def _what_varies(
-    variation: WeightVariation,
-    mean_off: np.ndarray,
-    sd_off: np.ndarray,
-    correlation_off: np.ndarray,
-    names: tuple[str, ...],
-    limits: Limits,
-    correction: Correction | None,
+    bounds: _Bounds, names: tuple[str, ...], limits: Limits, correction: Correction | None
 ) -> tuple[str, ...]:
     """Describe each limit that the weights, or the correction from the runs, exceed."""
     reasons = []
+    _, mean_off, sd_off, correlation_off = bounds
     furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
     because = (
-        f"the weights' coefficient of variation may be {number_in_words(variation.bound)}, so that the mean of {names[furthest]} "
+        f"according to the weights, the mean of {names[furthest]} "
         if correction is None
         else f"according to the model runs, {correction.said_of(furthest, names[furthest])}, and "
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +57,16 @@ class FreshDraws:
     difference: DensityDifference = THEMSELVES  # average difference from q of the densities behind `log_drawn`
     # Fraction of π that may lie where q is zero and where no draw of q, and no weight, can reveal it
     missing: float = 0.0
+
+    def repeated(self, times: int) -> FreshDraws:
+        """The same draws several times: what more draws would show if they varied as these do."""
+        theta, compared, log_true, log_drawn, shares = (
+            np.concatenate([values] * times)
+            for values in (self.theta, self.compared, self.log_true, self.log_drawn, self.shares)
+        )
+        return replace(
+            self, theta=theta, compared=compared, log_true=log_true, log_drawn=log_drawn, shares=shares, impossible=None
+        )
 
     @property
     def log_ratios(self) -> np.ndarray:

@@ -26,6 +26,24 @@ def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tupl
     return shifts, np.sqrt(np.sum(contributions**2, axis=0))
 
 
+def mean_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
+    """Bound on the error of each mean, in standard deviations.
+
+    The smaller of two bounds applies: χ, which assumes the worst possible weights, and the shift E_q (w − 1) z by the draws plus
+    its error; see `sd_bound`. Weights that vary in many directions, by little in each, shift every mean by much less than χ.
+    """
+    estimate, error = shift(fresh, standardised(fresh))
+    with np.errstate(invalid="ignore"):  # the variation may be infinite
+        return np.asarray(np.fmin(_by_draws(estimate, error, variation), variation.bound))
+
+
+def _by_draws(estimate: np.ndarray, error: np.ndarray, variation: WeightVariation) -> np.ndarray:
+    """Largest size of every estimate; errors are enlarged by the same factor as χ."""
+    # For the means and the standard deviations of all parameters together.
+    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / (2.0 * len(estimate)))
+    return np.asarray(np.abs(estimate) + quantile * variation.inflation * error)
+
+
 def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
     """Bound on the relative error of each standard deviation.
 
@@ -34,9 +52,8 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray,
     parameters are bounded simultaneously. The bound by the draws is usually smaller for a marginal with long tails.
     """
     estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
-    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
     with np.errstate(invalid="ignore"):  # the variation may be infinite
-        by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
+        by_draws = _by_draws(estimate, error, variation) + variation.bound**2
     by_variation = variation.of_variance(_kurtosis(fresh.population))
     return _of_sd(np.fmin(by_draws, by_variation))
 

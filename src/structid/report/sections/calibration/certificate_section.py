@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from structid.calibration.calibration_result import Round
-from structid.certification.certificate import Certificate
+from structid.certification.certificate import Certificate, number_in_words
 from structid.figures import calibration as figures
 from structid.figures.style import pretty
 from structid.inference.diagnostics.second_sampler import Representation
@@ -81,7 +81,13 @@ def _asked(certificate: Certificate) -> list[list[str]]:
         f"coefficient of variation χ of the weights, with {100 * variation.confidence:.3g} % confidence "
         f"(attempt {certificate.look})",
         f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
-        f"{limits.mean:.2g} or less",
+        "bounds every error",
+    ]
+    of_moments = [
+        "largest error of a mean [sd], of a standard deviation, of a correlation",
+        f"{number_in_words(certificate.mean_bound.max())}, {number_in_words(certificate.sd_bound.max())}, "
+        f"{number_in_words(certificate.correlation_bound.max())}",
+        f"{limits.mean:g}, {limits.sd:g}, {limits.correlation:g} or less",
     ]
     excluded = [
         [
@@ -90,7 +96,7 @@ def _asked(certificate: Certificate) -> list[list[str]]:
             "included in the bounds",
         ]
     ]
-    rows = [of_weights, *(excluded if certificate.missing else [])]
+    rows = [of_weights, of_moments, *(excluded if certificate.missing else [])]
     if not certificate.within_reach:
         return rows
     return [
@@ -156,8 +162,8 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
             "rounds",
             "Each point is a draw from a surrogate's posterior at which the model was run. The ordinate is the log density of the "
             "model minus that of the surrogate, relative to the median of the round. If the two posteriors are equal, all points "
-            "lie at zero. The band shows the largest standard deviation that a certificate allows. In rounds without points, the "
-            "surrogate was not yet accurate enough to draw from its posterior.",
+            "lie at zero. Points whose standard deviation is that of the band or less meet the limit for means. In rounds without "
+            "points, the surrogate was not yet accurate enough to draw from its posterior.",
             figure,
         )
 

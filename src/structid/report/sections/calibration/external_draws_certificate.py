@@ -63,9 +63,9 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
         return Picture(
             "ratios",
             "Each point is a draw at which the model was run. The ordinate is the log density of the model minus the log density "
-            "of the draws, relative to the median. If the two posteriors are equal, all points lie at zero. The band shows the "
-            "largest standard deviation that a certificate allows. A slope indicates a wrong mean, a curvature a wrong standard "
-            "deviation. Triangles mark points beyond the axis limits. Dotted lines mark draws whose run failed.",
+            "of the draws, relative to the median. If the two posteriors are equal, all points lie at zero. Points whose standard "
+            "deviation is that of the band or less meet the limit for means. A slope indicates a wrong mean, a curvature a wrong "
+            "standard deviation. Triangles mark points beyond the axis limits. Dotted lines mark draws whose run failed.",
             figure,
         )
 
