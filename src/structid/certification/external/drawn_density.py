@@ -146,7 +146,8 @@ class DrawnDensity(ABC):
     def covers(self, theta: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
         """Return whether each point lies in the region from which most points for model runs are drawn."""
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
-        return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
+        with np.errstate(over="ignore", invalid="ignore"):  # z may be infinite far from all draws
+            return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
     def checked(
         self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
@@ -155,32 +156,34 @@ class DrawnDensity(ABC):
         return (), by_chance
 
 
-def refuse_another(
-    drawn: DrawnDensity, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator
-) -> FittedDensity:
-    """Refuse a log density that contradicts a density fitted to the draws; return the fitted density."""
+def refuse_infinite(at_draws: Float[np.ndarray, " draw"]) -> None:
+    """Refuse a log density that is not finite at some draws."""
     if not np.isfinite(at_draws).all():
         raise InputError(
             "certify(log_density)",
             f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
             "a finite value at every draw, since a density is positive wherever it has draws",
         )
-    fitted = FittedDensity.of(drawn.phi, rng)
-    log_fitted = of_fitted(fitted, drawn, drawn.flat)
-    gap, spread = (
-        np.diff(np.quantile(at_draws - log_fitted, (0.16, 0.84)))[0],
-        np.diff(np.quantile(log_fitted, (0.16, 0.84)))[0],
+
+
+def contradiction(drawn: DrawnDensity) -> InputError | None:
+    """Error about a log density that differs from the density fitted to the draws, by more than the latter varies.
+
+    It is raised only if a further check finds that the draws do not have the given density: no density can be fitted well to
+    draws along a thin arc.
+    """
+    log_fitted = of_fitted(drawn.fitted, drawn, drawn.flat)
+    gap, spread = (np.diff(np.quantile(x, (0.16, 0.84)))[0] for x in (drawn.at_draws - log_fitted, log_fitted))
+    if gap <= OTHER_SPREAD * spread:
+        return None
+    return InputError(
+        "certify(log_density)",
+        f"a log density that does not match the draws: it deviates by {0.5 * gap:.3g} nats from a density fitted to "
+        f"the draws, which itself varies by {0.5 * spread:.3g} nats",
+        "log q with respect to the parameters in SI, up to a constant, where q is the density of the draws",
+        "Do not give a log-likelihood, a density with respect to other coordinates, or a chain that is only a few "
+        "autocorrelation times long. If log q is unknown, omit log_density.",
     )
-    if not gap <= OTHER_SPREAD * spread:
-        raise InputError(
-            "certify(log_density)",
-            f"a log density that does not match the draws: it deviates by {0.5 * gap:.3g} nats from a density fitted to "
-            f"the draws, which itself varies by {0.5 * spread:.3g} nats",
-            "log q with respect to the parameters in SI, up to a constant, where q is the density of the draws",
-            "Do not give a log-likelihood, a density with respect to other coordinates, or a chain that is only a few "
-            "autocorrelation times long. If log q is unknown, omit log_density.",
-        )
-    return fitted
 
 
 def of_fitted(

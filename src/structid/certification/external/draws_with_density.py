@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.external.drawn_density import MANY, Chosen, DrawnDensity, refuse_another
+from structid.certification.external.drawn_density import MANY, Chosen, DrawnDensity, contradiction, refuse_infinite
+from structid.certification.external.fitted_density import FittedDensity
 from structid.certification.limits import Limits
 from structid.certification.monte_carlo_error import MonteCarloError
 from structid.core.errors import InputError
@@ -43,7 +44,8 @@ class DensityOfDraws(DrawnDensity):
         super().__init__(posterior, draws)
         self.function = function
         self.at_draws = self.log_density(self.flat)
-        self.fitted = refuse_another(self, self.at_draws, rng)
+        refuse_infinite(self.at_draws)
+        self.fitted = FittedDensity.of(self.phi, rng)
 
     def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density; see `DrawnDensity.log_density`."""
@@ -132,9 +134,13 @@ class DensityOfDraws(DrawnDensity):
         self, known: Float[np.ndarray, "point parameter"], by_chance: MonteCarloError, limits: Limits, seed: int
     ) -> tuple[tuple[str, ...], MonteCarloError]:
         """Compare the draws with a second sampler's draws from q; see `DrawnDensity.checked`."""
-        comparison = check_representation(
-            _Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed
+        draws, log_density = (
+            self.in_order(values).transpose(1, 0, 2)[:, :, None]
+            for values in (self.flat, (self.at_draws + self.bijection(self.phi)[1])[:, None])
         )
+        comparison = check_representation(_Explored(self), draws, known, seed, log_density=log_density[..., 0])
+        if comparison.failures and (error := contradiction(self)):
+            raise error
         doubts = (f"these are not draws of the given density: {failure}" for failure in comparison.failures)
         return tuple(doubts), by_chance
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from structid.certification.external.drawn_density import Chosen, DrawnDensity, of_fitted, refuse_another
+from structid.certification.external.drawn_density import Chosen, DrawnDensity, contradiction, of_fitted
 from structid.certification.external.draws_with_density import WIDE_SHARE, DensityOfDraws
 from structid.certification.external.fitted_density import FittedDensity
 from structid.certification.external.scores_at_draws import Interpolation, interpolated
@@ -22,6 +22,9 @@ CERTAIN = 0.3
 """Largest standard deviation of an interpolated log density that is used [nat]."""
 FITTED_DRAWS = 20_000
 """Number of draws that represent a fitted density."""
+PREDICTED = 0.9
+"""Largest standard deviation of interpolation errors, relative to that of the values, of values that belong to the draws. Values in
+another order reach 1.0."""
 MOMENTS = 0.1
 """Error of a mean in standard deviations, or relative error of a standard deviation, above which a fitted density is rejected."""
 
@@ -43,7 +46,7 @@ class ValuesAtDraws(DrawnDensity):
                 f"a finite log density for each of {len(self.flat)} draws, or a function",
             )
         self.at_draws = flat
-        self.fitted = refuse_another(self, flat, rng)
+        self.fitted = FittedDensity.of(self.phi, rng)
 
     @cached_property
     def interpolation(self) -> Interpolation:
@@ -81,7 +84,17 @@ class ValuesAtDraws(DrawnDensity):
     ) -> tuple[tuple[str, ...], MonteCarloError]:
         """Check by Stein's identity that the draws have the given density; see `DrawnDensity.checked`."""
         test = SteinTest.of(self, self.interpolation, by_chance, stream(seed, Purpose.INTERPOLATED_VALUES))
+        if (test.contradicts(limits) or not self._belong_to_the_draws) and (error := contradiction(self)):
+            raise error
         return test.doubts(limits, self.posterior.compared_names), test.added_to(by_chance)
+
+    @property
+    def _belong_to_the_draws(self) -> bool:
+        """Whether interpolation between some draws predicts the values at the others at all."""
+        others = np.setdiff1d(np.arange(len(self.phi)), self.interpolation.rows)
+        values = self.at_draws[others] + self.bijection(self.phi[others])[1]
+        error = values - self.interpolation.kriged.mean_at(self.phi[others])
+        return bool(error.std() < PREDICTED * values.std())
 
 
 class FittedToDraws(DensityOfDraws):

@@ -51,7 +51,7 @@ def _sinh_arcsinh(y: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndar
     angle = np.exp(log_tail) * np.arcsinh(standard) - skew
     # dz/dy = cosh(angle) δ / (λ √(1 + s²)); log cosh a = |a| + log(1 + e^(−2|a|)) − log 2
     log_cosh = np.abs(angle) + np.log1p(np.exp(-2.0 * np.abs(angle))) - np.log(2.0)
-    return np.sinh(angle), log_cosh + log_tail - log_width - 0.5 * np.log1p(standard**2)
+    return np.sinh(angle), log_cosh + log_tail - log_width - np.log(np.hypot(1.0, standard))
 
 
 def _unlikely(shape: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -119,11 +119,12 @@ class FittedDensity:
         return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
 
     def in_normal_coordinates(self, x: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
-        """Map points to coordinates in which the density is standard normal."""
+        """Map points to coordinates in which the density is standard normal; those of points far away may be infinite or NaN."""
         total = np.zeros(len(x))
-        for layer in self.layers:
-            x, slope = layer.forward(x)
-            total += slope
+        with np.errstate(over="ignore", invalid="ignore"):
+            for layer in self.layers:
+                x, slope = layer.forward(x)
+                total += slope
         return x, total
 
     def of_normal_coordinates(self, z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point parameter"]:
@@ -133,10 +134,12 @@ class FittedDensity:
         return z
 
     def log_density(self, x: Float[np.ndarray, "point parameter"], width: float = 1.0) -> Float[np.ndarray, " point"]:
-        """Log density, normalised."""
+        """Log density, normalised; −inf far from all draws."""
         z, slope = self.in_normal_coordinates(x)
-        normal = -0.5 * np.sum((z / width) ** 2, axis=1) - z.shape[1] * (np.log(width) + 0.5 * np.log(2.0 * np.pi))
-        return np.asarray(slope + normal)
+        with np.errstate(over="ignore", invalid="ignore"):
+            normal = -0.5 * np.sum((z / width) ** 2, axis=1) - z.shape[1] * (np.log(width) + 0.5 * np.log(2.0 * np.pi))
+            density = slope + normal
+        return np.where(np.isnan(density), -np.inf, density)
 
     def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Float[np.ndarray, "count parameter"]:
         """Draw from the fitted density, or from a wider density that extends beyond the draws.

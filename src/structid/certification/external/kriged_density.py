@@ -19,6 +19,8 @@ from structid.surrogates.kriging.universal_kriging import Kriging
 
 Correlation = Literal["gaussian", "matern52"]
 CORRELATIONS: tuple[Correlation, ...] = ("gaussian", "matern52")
+FARTHEST = 1e4
+"""Largest coordinate of a run in a chart in which a Kriging is fitted; the draws have coordinates of about one."""
 NUGGET = 1e-8
 """Noise variance relative to the process variance; it keeps the correlation matrix of close runs regular."""
 RUNS_FOR_EACH = 2
@@ -93,8 +95,12 @@ class KrigedDensity:
         values: np.ndarray,
         counts: Float[np.ndarray, " run"],
     ) -> KrigedDensity:
-        """Fit all forms, and return the one with the smallest spread of leave-one-out errors."""
-        candidates = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
+        """Fit all forms, and return the one with the smallest spread of leave-one-out errors.
+
+        The normal coordinates of a fitted density grow beyond all bounds far from the draws: such a chart is left out.
+        """
+        near = [form for form in forms if np.abs(form[0](phi)[0]).max() < FARTHEST]
+        candidates = [cls.fitted(chart, correlation, phi, values) for chart, correlation in near or forms]
         return min(candidates, key=lambda one: one.error(counts))
 
     def error(self, counts: Float[np.ndarray, " run"]) -> float:

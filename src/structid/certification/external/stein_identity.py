@@ -119,6 +119,14 @@ class SteinTest:
         )
         return replace(by_chance, mean=mean, sd=sd, correlation=correlation, by_stein=(self.shift, self.widening))
 
+    def contradicts(self, limits: Limits) -> bool:
+        """Whether the draws do not follow their density."""
+        decided = self.effective_share >= LEAST_SHARE
+        return decided and (self._moments_contradict(limits) or self.kernel_probability < RARE)
+
+    def _moments_contradict(self, limits: Limits) -> bool:
+        return self._worst(limits, -1.0).times > 1.0 and self.moment_probability < RARE
+
     def doubts(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
         """Explain why the draws do not follow their density, or why this cannot be decided; empty otherwise."""
         if self.effective_share < LEAST_SHARE:
@@ -127,7 +135,7 @@ class SteinTest:
                 f"{self.effective_share:.1%} of the draws. Give the density as a function",
             )
         certain, possible = self._worst(limits, -1.0), self._worst(limits, 1.0)
-        if certain.times > 1.0 and self.moment_probability < RARE:
+        if self._moments_contradict(limits):
             return (
                 "these are not draws of the given density q: by its gradient at the draws (Stein's identity), "
                 f"{certain.finding(names, 'is wrong by at least')}. {LACKING}",

@@ -104,8 +104,13 @@ def check_representation(
     sampler: SMC = SECOND_SAMPLER,
     evidence: Evidence | None = None,
     longest: int = LONGEST,
+    log_density: Float[np.ndarray, "step ensemble walker"] | None = None,
 ) -> Representation:
-    """Sample a target with a second sampler, and compare the given draws with the result."""
+    """Sample a target with a second sampler, and compare the given draws with the result.
+
+    The log density of draws of unknown origin, with respect to unconstrained coordinates, is compared, too: draws along an arc may
+    have the moments of a thicker arc.
+    """
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
     some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
     density = target.evaluate(some)[0]
@@ -115,9 +120,11 @@ def check_representation(
     for times in dict.fromkeys((1, longest)):  # after a disagreement, the second sampler may be wrong
         longer = replace(sampler, steps=times * sampler.steps)
         second = longer.run(reference, again, None, [], lambda _index, _block: None)
-        comparison = _compared(
-            target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence
-        )
+        settled = slice(0 if times == 1 else longer.steps // 2, None)
+        comparison = _compared(target, draws, modes, second, second.phi[settled], evidence)
+        if log_density is not None:
+            apart = _apart_in_density(log_density, second.log_density[settled])
+            comparison = replace(comparison, failures=(*comparison.failures, *apart))
         if comparison.agreed:
             break
     return comparison
@@ -229,6 +236,17 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
         return [f"a second sampler shifts the mean of {names[worst]} by {gaps.mean[worst]:+.2f} standard deviations"]
     worst = int(np.argmax(of_sds))
     return [f"a second sampler gives {1.0 + gaps.sd[worst]:.2f} times the standard deviation of {names[worst]}"]
+
+
+def _apart_in_density(first: np.ndarray, second: np.ndarray) -> list[str]:
+    """Sentence if the log densities at the draws of two samplers differ in mean or standard deviation."""
+    gaps = _moment_gaps(first[..., None], second[..., None])
+    if not _apart_in_moments(("",), gaps):
+        return []
+    return [
+        f"the log densities at the draws of a second sampler differ by {gaps.mean[0]:+.2g} standard deviations on average, and "
+        f"vary {1.0 + gaps.sd[0]:.2g} times as much"
+    ]
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
