@@ -1,11 +1,12 @@
 """Accuracy of the evidence from tempered SMC within its stated error, and detection of wrong values.
 
-Run with ``python benchmarks/evidence.py [--quick]``. Nested sampling by dynesty and UltraNest, with default settings, serves for
-comparison.
+Run with ``python benchmarks/evidence.py [--quick] [--program NAME]``. Nested sampling by dynesty and UltraNest, with default
+settings, serves for comparison. The runs of every density by every program are recorded, and the page has all recorded ones.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import time
 from collections.abc import Callable
@@ -27,7 +28,9 @@ PEER_SEEDS = 3
 FOR_PEERS = 10
 """Largest dimension for the peers, which take tens of minutes in 20, apart from one case."""
 MOST_CALLS = 1_000_000
-"""Calls after which UltraNest is stopped."""
+"""Calls after which a peer is stopped."""
+FEW_CALLS = si.SMC(particles=200, ensembles=2, steps=20, effective_share=0.3, correlation=0.6, scouts=0)
+"""Settings for expensive densities, without a search for lost modes."""
 RIGHT = 3.0
 """Largest error of a right log evidence, in its stated errors."""
 HALF_WIDTH = 10.0
@@ -179,10 +182,10 @@ class Counted:
         return np.atleast_1d(self._density(x))
 
 
-def ours(case: Case, seed: int) -> dict[str, float]:
-    """Run SMC once with default settings."""
+def ours(case: Case, seed: int, sampler: si.SMC) -> dict[str, float]:
+    """Run SMC once."""
     began, counted = time.perf_counter(), Counted(case.density)
-    result = si.sample(replace(case, density=counted).target, si.SMC(), seed=seed)
+    result = si.sample(replace(case, density=counted).target, sampler, seed=seed)
     evidence = result.log_evidence
     assert evidence is not None
     error = evidence.value - case.log_evidence
@@ -206,7 +209,7 @@ def with_dynesty(case: Case, seed: int) -> dict[str, float]:
         case.dimension,
         rstate=np.random.default_rng(seed),
     )
-    sampler.run_nested(print_progress=False)
+    sampler.run_nested(print_progress=False, maxcall=MOST_CALLS)
     return peer_run(case, float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1]), counted.calls, began)
 
 
@@ -233,80 +236,91 @@ def peer_run(case: Case, value: float, stated: float, calls: int, began: float) 
     return {"error": error, "z": error / stated, "calls": float(calls), "seconds": time.perf_counter() - began}
 
 
-PEERS: dict[str, Callable[[Case, int], dict[str, float]]] = {"dynesty": with_dynesty, "UltraNest": with_ultranest}
+PROGRAMS: dict[str, Callable[[Case, int], dict[str, float]]] = {
+    "SMC()": lambda case, seed: ours(case, seed, si.SMC()),
+    "few calls": lambda case, seed: ours(case, seed, FEW_CALLS),
+    "dynesty": with_dynesty,
+    "UltraNest": with_ultranest,
+}
+PEERS = ("dynesty", "UltraNest")
 
 
-def of_peers(case: Case) -> dict[str, list[dict[str, float]]]:
-    """Runs of every peer that is installed."""
-    found: dict[str, list[dict[str, float]]] = {}
-    for name, peer in PEERS.items():
-        if importlib.util.find_spec(name.lower()) is not None:
-            found[name] = [peer(case, seed) for seed in range(PEER_SEEDS)]
-    return found
+def suits(program: str, case: Case) -> bool:
+    """Whether a program is there, and takes less than tens of minutes."""
+    if program in PEERS and importlib.util.find_spec(program.lower()) is None:
+        return False
+    return program not in PEERS or case.dimension <= FOR_PEERS or case.name.startswith("Gaussian with")
 
 
 def column(rows: list[dict[str, float]], name: str) -> np.ndarray:
     return np.array([r[name] for r in rows])
 
 
-def cells(runs: list[dict[str, float]]) -> list[str]:
-    """Errors, right runs, calls and seconds of one program."""
+def cells(runs: list[dict[str, float]], *, accepted: bool = False) -> list[str]:
+    """Errors, right runs, calls and seconds of one program, and the runs that it accepts."""
     if not runs:
         return ["–"] * 4
-    errors, right = column(runs, "error"), np.abs(column(runs, "z")) <= RIGHT
-    return [
+    errors, z = column(runs, "error"), np.abs(column(runs, "z"))
+    found = [
         f"{errors.mean():+.2f} ± {errors.std():.2f}",
-        f"{right.sum()} of {len(runs)}",
+        f"{(z <= RIGHT).sum()} of {len(runs)}",
         f"{np.median(column(runs, 'calls')) / 1e3:.0f}",
         f"{np.median(column(runs, 'seconds')):.0f}",
     ]
-
-
-def row(case: Case, runs: list[dict[str, float]], peers: dict[str, list[dict[str, float]]]) -> list[str]:
-    """A row of the table."""
+    if not accepted:
+        return found
     believed = column(runs, "believed") > 0.0
-    worst = f"{np.abs(column(runs, 'z'))[believed].max():.1f}" if believed.any() else "none accepted"
+    worst = f"{z[believed].max():.1f}" if believed.any() else "none accepted"
+    return [*found, f"{believed.sum()} of {len(runs)}", worst]
+
+
+def row(case: Case, recorded: dict[tuple[Any, ...], dict[str, Any]]) -> list[str]:
+    """A row of the table."""
+    runs = {program: recorded.get((case.name, case.dimension, program), {"runs": []})["runs"] for program in PROGRAMS}
     return [
         f"{case.name}, d = {case.dimension}",
-        *cells(runs),
-        f"{believed.sum()} of {len(runs)}",
-        worst,
-        *cells(peers.get("dynesty", [])),
-        *cells(peers.get("UltraNest", [])),
+        *(cell for program in PROGRAMS for cell in cells(runs[program], accepted=program == "SMC()")),
     ]
 
 
-def main() -> None:
-    """Run all cases and write the table."""
-    quick = common.is_quick(__doc__ or "")
-    rows: list[list[str]] = []
-    for case in cases()[:: 4 if quick else 1]:
-        runs = [ours(case, seed) for seed in range(QUICK_SEEDS if quick else SEEDS)]
-        wanted = case.dimension <= FOR_PEERS or case.name.startswith("Gaussian with")
-        peers = of_peers(case) if wanted and not quick else {}
-        found: dict[str, Any] = {"case": case.name, "dimension": case.dimension, "runs": runs, "peers": peers}
-        common.record_result(NAME, quick=quick, **found)
-        rows.append(row(case, runs, peers))
-        print(rows[-1], flush=True)
+def page_text(recorded: dict[tuple[Any, ...], dict[str, Any]]) -> str:
+    """The page of all recorded runs."""
     each = ["error of log Z", "right", "thousand calls", "seconds"]
-    header = [
-        "density",
-        *each,
-        "accepted",
-        "largest accepted error [stated errors]",
-        *(f"{name}: {of_one}" for name in PEERS for of_one in each),
-    ]
-    text = f"""
+    header = ["density"]
+    for program in PROGRAMS:
+        header += [f"{program}: {of_one}" for of_one in each]
+        if program == "SMC()":
+            header += ["accepted", "largest accepted error [stated errors]"]
+    done = [case for case in cases() if any(key[:2] == (case.name, case.dimension) for key in recorded)]
+    return f"""
 # Evidence
 
-`benchmarks/evidence.py`. {common.machine("dynesty", "ultranest")}. Each row has {SEEDS} seeds of `SMC()`, {PEER_SEEDS} seeds of
-dynesty's static sampler and {PEER_SEEDS} of UltraNest's reactive sampler, all with default settings; UltraNest is stopped after
+`benchmarks/evidence.py`. {common.machine("dynesty", "ultranest")}. Each row has {SEEDS} seeds of `SMC()` and of SMC with few calls
+(`{FEW_CALLS.particles}` particles, `{FEW_CALLS.ensembles}` populations, no search for lost modes), {PEER_SEEDS} seeds of dynesty's
+static sampler and {PEER_SEEDS} of UltraNest's reactive sampler, both with default settings; they are stopped after
 {MOST_CALLS / 1e6:g} million calls. A log evidence is right if it lies within {RIGHT:g} of its stated errors. A run is accepted if
 its particles were stationary and its verdict is *converged*. The modes are at ±3 in every coordinate of a box of ±10.
 
-{common.markdown_table(header, rows)}
+{common.markdown_table(header, [row(case, recorded) for case in done])}
 """
-    common.write_page(quick, NAME, text)
+
+
+def main() -> None:
+    """Run the programs on all densities, and write the page of all recorded runs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="few densities and seeds; does not write to docs/")
+    parser.add_argument("--program", choices=PROGRAMS, action="append", help="programs of this run; default: all")
+    asked = parser.parse_args()
+    programs = asked.program or (["SMC()", "few calls"] if asked.quick else list(PROGRAMS))
+    for case in cases()[:: 4 if asked.quick else 1]:
+        for program in filter(lambda one, case=case: suits(one, case), programs):
+            seeds = QUICK_SEEDS if asked.quick else PEER_SEEDS if program in PEERS else SEEDS
+            runs = [PROGRAMS[program](case, seed) for seed in range(seeds)]
+            found = {"case": case.name, "dimension": case.dimension, "program": program, "runs": runs}
+            common.record_result(NAME, quick=asked.quick, **found)
+            print(case.name, case.dimension, program, *cells(runs), flush=True)
+    recorded = common.last_results(NAME, "case", "dimension", "program", quick=asked.quick)
+    common.write_page(asked.quick, NAME, page_text(recorded))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import structid as si
 from structid.inference.prediction.band_scale import LIMITS, BandScale
 from structid.inference.prediction.prediction import predict
 
+SAMPLER = si.SMC(particles=200, steps=20, effective_share=0.5, correlation=0.4)
 DT = 0.01
 TIME = DT * np.arange(4000)
 
@@ -90,13 +91,34 @@ def test_a_model_whose_peaks_are_too_low_is_corrected():
     clean = [1.3 * model.simulate(np.array([[7.4e6]]), r).values[0, :, 0] for r in (record, other)]
     noise = 0.01 * clean[0].std() * np.random.default_rng(1).normal(size=clean[0].shape)
     posterior = si.Posterior(space, model, si.Observation(record, clean[0] + noise), si.IID())
-    result = si.sample(posterior, si.SMC(particles=200, steps=20, effective_share=0.5, correlation=0.4), seed=1)
+    result = si.sample(posterior, SAMPLER, seed=1)
     prediction = result.predict(other)
     assert prediction.peak_ratio[0] == pytest.approx(1.3, abs=0.08)
     low, high = np.quantile(prediction.peaks, [0.05, 0.95])
     linear = np.abs(clean[1]).max() / 1.3
     assert low < linear < np.abs(clean[1]).max() < high
     assert result.predict().peak_ratio is None
+
+
+@pytest.mark.parametrize("kind", ["outliers", "proportional"])
+def test_noise_of_an_instrument_is_no_peak_of_the_response(kind):
+    """The model is right: an outlier of twice the peak, or errors of a fifth of the response, do not raise peaks elsewhere."""
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(0.5)
+    space = si.ParameterSpace(stiffness=si.Normal(7.4e6, 0.3e6, unit="N/m"))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=1.0, beta=60.0, gamma_ratio=0.2, free=space.names)
+    clean = model.simulate(np.array([[7.4e6]]), record).values[0, :, 0]
+    normal = np.random.default_rng(1).normal(size=clean.shape)
+    if kind == "outliers":
+        measured = clean + 0.02 * clean.std() * normal
+        measured[[300, 500, 700]] = 2.0 * np.abs(clean).max()
+        errors = si.Contaminated(variance=(0.02 * clean.std()) ** 2, outlier_share=0.003, outlier_scale=100.0)
+    else:
+        measured = clean * (1.0 + 0.2 * normal)
+        errors = si.Proportional(variance=(0.002 * clean.std()) ** 2, share=0.2)
+    assert np.abs(measured).max() > 1.15 * np.abs(clean).max()
+    result = si.sample(si.Posterior(space, model, si.Observation(record, measured), errors), SAMPLER, seed=1)
+    prediction = result.predict(si.GroundMotion.synthetic(seed=4).lowpass(20.0).trim(3.0, 13.0).scale_to_pga(0.5))
+    assert prediction.peak_ratio[0] == pytest.approx(1.0, abs=0.08)
 
 
 def test_outliers_do_not_narrow_the_spread_of_the_parameters():

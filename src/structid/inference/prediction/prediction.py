@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Int
 
 from structid.core.channels import ChannelUnit
@@ -29,6 +30,8 @@ from structid.observation import Observation
 
 FEW_DRAWS = 100
 """Number of draws that show the spread of the response from the posterior of the parameters alone."""
+LARGEST_USUAL = 3.0
+"""Size of an error, in standard deviations of the noise, from which it is an outlier."""
 PEAK_SHARE = (0.5, 0.5)
 """Mean and standard deviation of the exponent with which the measured peak ratio corrects the peaks on another record."""
 
@@ -232,9 +235,32 @@ class Predictor:
             every = list(range(len(observation.channels)))
             scale = self._band_scale(index, every, prediction, every)
             self._scale(index, every, prediction, every, scale, prediction.response.std(axis=0))
-            ratio = _peak_ratio(observation, prediction, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
-            self._measured_again[index] = scale, ratio
+            self._measured_again[index] = scale, self._peak_ratio(index, prediction)
         return self._measured_again[index]
+
+    def _peak_ratio(self, index: int, prediction: Prediction) -> np.ndarray:
+        """Ratio of measured to predicted peak of an observation, (channel,); the prediction includes noise, which raises peaks.
+
+        An outlier is no peak of the response: outliers are moved to `LARGEST_USUAL` standard deviations of the noise.
+        """
+        observation, bound = self.posterior.observations[index], self.posterior.likelihood.of[index]
+        rng, has_outliers = stream(self.seed, Purpose.NOISE_OF_THE_PEAK), bound.discrepancy.has_outliers
+        structural = prediction.response if prediction.structural is None else prediction.structural
+        middle = np.asarray(observation.instrument.sampled(median(prediction.response)))
+        residual = observation.values - middle
+        sd = _noise_sd(residual, has_outliers)
+        if bound.discrepancy.depends_on_response:
+            unknown = self.posterior.unknowns(self.theta[: len(structural)], index)
+            noise = bound.draw_errors(rng, structural, unknown, observation.step)
+        else:
+            noise = sd * rng.normal(size=structural.shape)
+        predicted = np.median(_largest(np.where(observation.covered[:, None], structural + noise, 0.0)), axis=0)
+        largest = observation.peaks
+        if has_outliers:
+            usual = middle + np.clip(residual, -LARGEST_USUAL * sd, LARGEST_USUAL * sd)
+            largest = np.nanmax(np.abs(usual), axis=0, initial=0.0)
+        moves = (largest > 0.0) & (predicted > 0.0)
+        return np.where(moves, largest / np.where(moves, predicted, 1.0), 1.0)
 
     def _band_scale(self, index: int, there: list[int], prediction: Prediction, places: list[int]) -> BandScale:
         """Factors on the bands of some channels of an observation, `there`, which are `places` of the prediction."""
@@ -471,20 +497,18 @@ class Sources:
         return [index_of_channel for index_of_channel, source in enumerate(self.of) if source == index]
 
 
-def _peak_ratio(observation: Observation, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
-    """Ratio of measured to predicted peak, shape (channel,); the prediction includes noise, which raises peaks.
+def _noise_sd(residual: Float[np.ndarray, "time channel"], has_outliers: bool) -> np.ndarray:
+    """Standard deviation of the noise in a residual, (channel,).
 
-    Errors of a wrong model are smooth, but noise is not. σ² is therefore estimated from second differences of the
-    residual, whose variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
+    Errors of a wrong model are smooth, but noise is not. σ² is therefore estimated from second differences of the residual,
+    whose variance is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, with first differences).
     """
-    structural = prediction.response if prediction.structural is None else prediction.structural
-    residual = observation.values - np.asarray(observation.instrument.sampled(median(prediction.response)))
-    sd = np.sqrt(_mean_of_known(np.diff(residual, 2, axis=0) ** 2) / 6.0) if len(residual) > 2 else 0.0
-    noisy = structural + sd * rng.normal(size=structural.shape)
-    predicted = np.median(_largest(np.where(observation.covered[:, None], noisy, 0.0)), axis=0)
-    largest = observation.peaks
-    moves = (largest > 0.0) & (predicted > 0.0)
-    return np.where(moves, largest / np.where(moves, predicted, 1.0), 1.0)
+    if len(residual) < 3:
+        return np.zeros(residual.shape[1])
+    squares = np.diff(residual, 2, axis=0) ** 2
+    if has_outliers:  # the median of the square of a normal value is 0.455 of its mean
+        return np.asarray(np.sqrt(np.nanmedian(squares, axis=0) / scipy.stats.chi2.median(1) / 6.0))
+    return np.asarray(np.sqrt(_mean_of_known(squares) / 6.0))
 
 
 def _mean_of_known(values: np.ndarray) -> np.ndarray:
