@@ -295,11 +295,15 @@ def page_text(recorded: dict[tuple[Any, ...], dict[str, Any]]) -> str:
     return f"""
 # Evidence
 
-`benchmarks/evidence.py`. {common.machine("dynesty", "ultranest")}. Each row has {SEEDS} seeds of `SMC()` and of SMC with few calls
+`benchmarks/evidence.py`. {common.machine("dynesty", "ultranest")}.
+
+Each row has {SEEDS} seeds of `SMC()` and of SMC with few calls
 (`{FEW_CALLS.particles}` particles, `{FEW_CALLS.ensembles}` populations, no search for lost modes), {PEER_SEEDS} seeds of dynesty's
 static sampler and {PEER_SEEDS} of UltraNest's reactive sampler, both with default settings; they are stopped after
 {MOST_CALLS / 1e6:g} million calls. A log evidence is right if it lies within {RIGHT:g} of its stated errors. A run is accepted if
 its particles were stationary and its verdict is *converged*. The modes are at ±3 in every coordinate of a box of ±10.
+In 20 dimensions, the basin of the narrow mode covers 0.025 % of the prior; a verdict of `SMC()` says that basins of less than
+0.075 % may be missing. A dash marks runs that were not made; the peers take tens of minutes in 20 dimensions.
 
 {common.markdown_table(header, [row(case, recorded) for case in done])}
 """
