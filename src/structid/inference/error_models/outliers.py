@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -27,9 +28,50 @@ OUTLIER_SCALE = LogNormal(log_mean=float(np.log(10.0)), log_sd=1.0, low=3.0, hig
 """Default prior of the standard deviation of outliers over that of the others: 95 % between 3 and 71."""
 
 
+class WithOutliers(Uncorrelated):
+    """Common part: symmetric densities of r/σ whose large values have little influence."""
+
+    has_outliers: ClassVar[bool] = True
+
+    @abstractmethod
+    def slope(self, residual: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """−d log p/dr of a value (…, channel, run)."""
+
+    @abstractmethod
+    def beyond(self, scaled: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Probability of a value above |r|/σ."""
+
+    def influence(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        **more: Any,
+    ) -> Float[np.ndarray, "time channel run"]:
+        """`slope` times `sd`; see `Discrepancy.influence`."""
+        residual = np.asarray(residual)
+        values = self._values(unknown, channels, residual.shape[2], np)
+        return np.asarray(self.slope(residual, values) * self.sd(values, channels, None, np))
+
+    def normal_scores(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        **more: Any,
+    ) -> Float[np.ndarray, "time channel run"]:
+        """Φ⁻¹(F(r/σ)), with F the distribution function; see `Discrepancy.normal_scores`."""
+        residual = np.asarray(residual)
+        values = self._values(unknown, channels, residual.shape[2], np)
+        beyond = self.beyond(np.abs(residual) / np.sqrt(values["variance"]), values)
+        return np.asarray(np.sign(residual) * scipy.stats.norm.isf(beyond))
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Student(Uncorrelated):
+class Student(WithOutliers):
     """Independent errors with Student's t distribution, for outliers of any size.
 
     log p(r) = log Γ(½(ν+1)) − log Γ(½ν) − ½ log(πνσ²) − ½(ν+1) log(1 + r²/(νσ²)), with ν degrees of freedom (K. L. Lange, R. J. A.
@@ -55,7 +97,6 @@ class Student(Uncorrelated):
     degrees_of_freedom: float | Marginal | None = None
 
     kind: ClassVar[str] = "student"
-    has_outliers: ClassVar[bool] = True
 
     @classmethod
     def _names(cls) -> tuple[str, ...]:
@@ -77,35 +118,14 @@ class Student(Uncorrelated):
         nu = values["degrees_of_freedom"]
         return numpy.sqrt(values["variance"] * (nu + 3.0) / (nu + 1.0))
 
-    def influence(
-        self,
-        residual: Float[Array, "time channel run"],
-        unknown: Mapping[str, Any],
-        channels: tuple[str, ...],
-        dt: float,
-        **more: Any,
-    ) -> Float[np.ndarray, "time channel run"]:
-        """(ν + 1) r/(νσ² + r²), times `sd`; see `Discrepancy.influence`."""
-        residual = np.asarray(residual)
-        values = self._values(unknown, channels, residual.shape[2], np)
+    def slope(self, residual: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(ν + 1) r/(νσ² + r²)."""
         nu = values["degrees_of_freedom"]
-        slope = (nu + 1.0) * residual / (nu * values["variance"] + residual**2)
-        return np.asarray(slope * self.sd(values, channels, None, np))
+        return np.asarray((nu + 1.0) * residual / (nu * values["variance"] + residual**2))
 
-    def normal_scores(
-        self,
-        residual: Float[Array, "time channel run"],
-        unknown: Mapping[str, Any],
-        channels: tuple[str, ...],
-        dt: float,
-        **more: Any,
-    ) -> Float[np.ndarray, "time channel run"]:
-        """Φ⁻¹(F(r/σ)), with F the distribution function of Student's t; see `Discrepancy.normal_scores`."""
-        residual = np.asarray(residual)
-        values = self._values(unknown, channels, residual.shape[2], np)
-        scaled = np.abs(residual) / np.sqrt(values["variance"])
-        beyond = scipy.stats.t.sf(scaled, values["degrees_of_freedom"])
-        return np.asarray(np.sign(residual) * scipy.stats.norm.isf(beyond))
+    def beyond(self, scaled: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Probability of a larger value under Student's t."""
+        return np.asarray(scipy.stats.t.sf(scaled, values["degrees_of_freedom"]))
 
     def draw(
         self,
@@ -123,7 +143,7 @@ class Student(Uncorrelated):
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
-class Contaminated(Uncorrelated):
+class Contaminated(WithOutliers):
     """Independent normal errors of which a few, the outliers, have a much larger standard deviation.
 
     p(r) = (1 − ε) N(r; 0, σ²) + ε N(r; 0, k²σ²), the contaminated normal distribution (J. W. Tukey 1960, "A survey of sampling from
@@ -157,7 +177,6 @@ class Contaminated(Uncorrelated):
     outlier_scale: float | Marginal | None = None
 
     kind: ClassVar[str] = "contaminated"
-    has_outliers: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -194,38 +213,17 @@ class Contaminated(Uncorrelated):
         share = values["outlier_share"]
         return numpy.sqrt(values["variance"] / (1.0 - share + share / values["outlier_scale"] ** 2))
 
-    def influence(
-        self,
-        residual: Float[Array, "time channel run"],
-        unknown: Mapping[str, Any],
-        channels: tuple[str, ...],
-        dt: float,
-        **more: Any,
-    ) -> Float[np.ndarray, "time channel run"]:
-        """(P(usual) + P(outlier)/k²) r/σ², with the probabilities of being one given r, times `sd`; see `Discrepancy.influence`."""
-        residual = np.asarray(residual)
-        values = self._values(unknown, channels, residual.shape[2], np)
+    def slope(self, residual: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(P(usual) + P(outlier)/k²) r/σ², with the probabilities of being one given r."""
         share, scale, variance = (values[name] for name in ("outlier_share", "outlier_scale", "variance"))
         falls = np.exp(-0.5 * residual**2 * (1.0 - 1.0 / scale**2) / variance)
         usual = 1.0 / (1.0 + share / ((1.0 - share) * scale * np.maximum(falls, np.finfo(float).tiny)))
-        slope = (usual + (1.0 - usual) / scale**2) * residual / variance
-        return np.asarray(slope * self.sd(values, channels, None, np))
+        return np.asarray((usual + (1.0 - usual) / scale**2) * residual / variance)
 
-    def normal_scores(
-        self,
-        residual: Float[Array, "time channel run"],
-        unknown: Mapping[str, Any],
-        channels: tuple[str, ...],
-        dt: float,
-        **more: Any,
-    ) -> Float[np.ndarray, "time channel run"]:
-        """Φ⁻¹(F(r)), with F the distribution function of the mixture; see `Discrepancy.normal_scores`."""
-        residual = np.asarray(residual)
-        values = self._values(unknown, channels, residual.shape[2], np)
-        share, scaled = values["outlier_share"], np.abs(residual) / np.sqrt(values["variance"])
-        of_usual, of_large = scipy.stats.norm.sf(scaled), scipy.stats.norm.sf(scaled / values["outlier_scale"])
-        beyond = (1.0 - share) * of_usual + share * of_large
-        return np.asarray(np.sign(residual) * scipy.stats.norm.isf(beyond))
+    def beyond(self, scaled: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Probability of a larger value under the mixture."""
+        share, sf = values["outlier_share"], scipy.stats.norm.sf
+        return np.asarray((1.0 - share) * sf(scaled) + share * sf(scaled / values["outlier_scale"]))
 
     def draw(
         self,

@@ -181,28 +181,30 @@ class ObservationLikelihood:
         weighted, more = self.observation.weighted(values), self._of_all_samples(self.observation.weighted(response))
         return self.discrepancy.whiten(weighted, unknown, self.channels, self.dt, **more)
 
+    def _residual_at(self, response: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
+        """Weighted residual of readings, and the further arguments of the error model."""
+        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
+        return residual, self._of_all_samples(self.observation.weighted(response))
+
     def influence(
         self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
     ) -> Float[np.ndarray, "sample channel run"]:
         """Influence of every measured value on the response; see `Discrepancy.influence`."""
-        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
-        more = self._of_all_samples(self.observation.weighted(response))
+        residual, more = self._residual_at(response)
         return np.asarray(self.discrepancy.influence(residual, unknown, self.channels, self.dt, **more))
 
     def normal_scores(
         self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
     ) -> Float[np.ndarray, "sample channel run"]:
         """Residuals of readings as independent unit normals, 0 where a value is missing."""
-        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
-        more = self._of_all_samples(self.observation.weighted(response))
+        residual, more = self._residual_at(response)
         return np.asarray(self.discrepancy.normal_scores(residual, unknown, self.channels, self.dt, **more))
 
     def pointwise(
         self, response: Float[np.ndarray, "sample channel run"], unknown: Mapping[str, Any]
     ) -> Float[np.ndarray, "sample channel run"]:
         """Log density of every measured value in SI, given the readings of a model; 0 where a value is missing."""
-        residual = self.observation.weighted(self.observation.values[:, :, None] - response)
-        more = self._of_all_samples(self.observation.weighted(response))
+        residual, more = self._residual_at(response)
         result = self.discrepancy.pointwise(residual, unknown, self.channels, self.dt, **more)
         return np.asarray(result - self.observation.log_sds[:, :, None])
 
